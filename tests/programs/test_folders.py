@@ -103,7 +103,7 @@ def test_what_the_project_does_not_hold_is_not_known(tmp_path: Path) -> None:
     files = {"a.src": f"DEF a()\nBAS(#TOOL,0)\nBAS(#BASE,0)\nelsewhere()\nLIN {POSE}\nLIN XQ\nEND\n"}
     lay(tmp_path, files)
     assert "ELSEWHERE() was called, which is not in this project" in named(tmp_path, "LIN:5").reason
-    assert named(tmp_path, "XQ").reason == "declared in another module"
+    assert named(tmp_path, "XQ").reason == "not defined in the files at hand"
 
 
 @pytest.mark.parametrize(

@@ -139,6 +139,14 @@ class Flow:
         self.concurrent = False
         """Whether handlers run beside the program (threads), and do not only interrupt it."""
         self._started: list[tuple[str, int]] = []
+        self.only_called: set[str] = set()
+        """Routines at which control does not begin: those of libraries."""
+        self._declared: list[tuple[str, int]] = []
+        self._aborting: list[tuple[str, int | None]] = []
+        self._aborts: set[str] = set()
+        self._aborted: list[tuple[list[str], int]] = []
+        self._callees: dict[str, set[str]] = {}
+        self._left_by_handlers: frozenset[FdatFrames] = frozenset()
         self.states: list[State] = []
         self.graph: Graph | None = None
         self._loops: dict[int, tuple[Counter, int, int]] = {}
@@ -236,6 +244,19 @@ class Flow:
     def start(self, name: str) -> None:
         """Let a routine of this program run at any time from here on: an interrupt handler or a thread."""
         self._started.append((name, self.node))
+
+    def handle_if_reached(self, name: str) -> None:
+        """Take a routine as a handler if control may come here."""
+        self._declared.append((name, self.node))
+
+    def may_abort(self, name: str, *, anywhere: bool) -> None:
+        """Let a handler abort what this routine calls (`anywhere`: what any routine calls), if it has `abort`."""
+        self._aborting.append((name, None if anywhere else self.node))
+
+    def abort(self) -> None:
+        """Leave this handler, and all routines that it interrupted up to the one that declared it: RESUME."""
+        self._aborts.add(self._routine)
+        self.leave()
 
     def call_one_of(self, names: list[str]) -> None:
         """Call one of several subprograms of this program, or none."""
@@ -369,12 +390,35 @@ class Flow:
                         "tool": frozenset([unknown]), "base": frozenset([unknown]), "fdat": frozenset([frames])
                     }  # fmt: skip
         self._connect_parts(changing)
+        self._connect_aborted(changing)
+        self._handle_reached()
         first = self._open | {entry for entry, _ in self._routines.values()} - called
         self._follow(first)
         ambient = self._ambient()
-        if started := self._connect_started():
+        self._left_by_handlers = ambient.fdat
+        started = self._connect_started()
+        if started or ambient.fdat:
             self._follow(first - (started - self._open))
         return ambient
+
+    def _connect_aborted(self, changing: set[str]) -> None:
+        """Connect the nodes of routines that a handler may abort with what follows their calls."""
+        for handler, declared in self._aborting if self._aborts else ():
+            if handler not in self._routines or self._aborts.isdisjoint(self._called_by(handler)):
+                continue
+            inside = [range(len(self._nodes))] if declared is None else map(self._nodes_of, self._routines)
+            (here,) = [nodes for nodes in inside if declared is None or declared in nodes] or [range(0)]
+            hubs: dict[str, int] = {}
+            for name, before, after, _ in self._calls:
+                if before in here and name in self._routines:
+                    names = self._called_by(name)
+                    self._aborted.append((sorted(names), after))
+                    if name not in hubs:
+                        hubs[name] = len(self._nodes)
+                        self._nodes.append(_Node())
+                        for node in (node for one in names & changing for node in self._nodes_of(one)):
+                            self._nodes[node].followers.append(hubs[name])
+                    self._nodes[hubs[name]].followers.append(after)
 
     def _graph(self) -> Graph:
         """Return the ways through the program before calls are connected."""
@@ -387,6 +431,7 @@ class Flow:
             [(part.first, part.last) for part in self._parts],
             {*self.handlers, *(name for name, _ in self._started)},
             dict(self._loops),
+            self._aborted,
         )
 
     def _follow(self, first: set[int]) -> None:
@@ -421,22 +466,64 @@ class Flow:
                     done |= new
         return set(entries.values())
 
-    def _reach(self, node: int) -> set[int]:
-        """Return a node and all that control may reach from it."""
-        found, waiting = {node}, [node]
+    def reached(self) -> set[int]:
+        """Return the nodes that control may reach without beginning in a routine of `only_called`."""
+        names = (self._routines.keys() - self.only_called) | (set(self.handlers) & self._routines.keys())
+        return self._reached_from(self._open | {self._routines[name][0] for name in names})
+
+    def _handle_reached(self) -> None:
+        """Take the handlers that reached statements declare."""
+        waiting = self._declared
+        while waiting:
+            nodes = self.reached()
+            now = [name for name, node in waiting if node in nodes]
+            waiting = [one for one in waiting if one[1] not in nodes]
+            self.handlers += now
+            if not now:
+                break
+
+    def _reached_from(self, nodes: set[int]) -> set[int]:
+        found, waiting = set(nodes), list(nodes)
         while waiting:
             new = set(self._nodes[waiting.pop()].followers) - found
             found |= new
             waiting += new
         return found
 
+    def _called_by(self, name: str) -> set[str]:
+        """Return a routine and all that it calls."""
+        if not self._callees:
+            owner = {node: one for one in self._routines for node in self._nodes_of(one)}
+            for called, before, _, _ in self._calls:
+                if called in self._routines:
+                    self._callees.setdefault(owner.get(before, ""), set()).add(called)
+        found, waiting = {name}, [name]
+        while waiting:
+            new = self._callees.get(waiting.pop(), set()) - found
+            found |= new
+            waiting += new
+        return found
+
+    def _nodes_of(self, name: str) -> range:
+        """Return the nodes of a routine."""
+        return range(self._routines[name][0], self._last.get(name, len(self._nodes) - 1) + 1)
+
+    def _run_by(self, name: str) -> list[int]:
+        """Return the nodes of a routine and of all that it calls."""
+        return [node for one in sorted(self._called_by(name)) for node in self._nodes_of(one)]
+
+    def _reach(self, node: int) -> set[int]:
+        """Return a node and all that control may reach from it."""
+        return self._reached_from({node})
+
     def _changing(self) -> set[str]:
-        """Return the routines of this program that may change a value in force, directly or by a call."""
+        """Return the routines of this program that may change a value in force or start others, also by a call."""
         ranges = {name: (entry, self._last.get(name, len(self._nodes))) for name, (entry, _) in self._routines.items()}
         changing = {
             name
             for name, (first, last) in ranges.items()
             if any(node.changes_state for node in self._nodes[first : last + 1])
+            or any(first <= node <= last for _, node in self._started)
         }
         owners = [
             (name, called, bool(text) and called not in self._routines)
@@ -472,10 +559,11 @@ class Flow:
         if piece.ends:
             return state._replace(shifts=frozenset(shift for shift in state.shifts if shift.kind != piece.ends))
         if piece.applies_fdat:
+            fdats = state.fdat | self._left_by_handlers
             return State(
-                frozenset(f.tool for f in state.fdat),
-                frozenset(f.base for f in state.fdat),
-                frozenset(f.ipo for f in state.fdat),
+                frozenset(f.tool for f in fdats),
+                frozenset(f.base for f in fdats),
+                frozenset(f.ipo for f in fdats),
                 state.fdat,
                 state.shifts,
             )
@@ -484,8 +572,10 @@ class Flow:
     def _ambient(self) -> State:
         tool: set[InForce] = set()
         base: set[InForce] = set()
+        ipo: set[str] = set()
+        fdat: set[FdatFrames] = set()
         shifts: set[Shift] = set()
-        for name in self.handlers:
+        for name in dict.fromkeys(self.handlers):
             if name not in self._routines:
                 unknown = InForce("call", f"the interrupt program {name}() is not in this file")
                 tool.add(unknown)
@@ -494,10 +584,15 @@ class Flow:
             for last_node in self._routines[name][1]:
                 tool |= self.states[last_node].tool - {UNSET}
                 base |= self.states[last_node].base - {UNSET}
-            first, last = self._routines[name][0], self._last.get(name, len(self._nodes))
-            if self.concurrent:
-                for node in self._nodes[first : last + 1]:
+                ipo |= self.states[last_node].ipo - {"BASE"}
+                fdat |= self.states[last_node].fdat - {NO_FDAT}
+            nodes = [self._nodes[node] for node in self._run_by(name)]
+            if self.concurrent or self._aborts:  # what it does not leave is seen by threads, and if it is aborted
+                for node in nodes:
                     tool |= node.changes.get("tool", frozenset())  # type: ignore[arg-type]
+                    base |= node.changes.get("base", frozenset())  # type: ignore[arg-type]
+                    ipo |= node.changes.get("ipo", frozenset()) - {"BASE"}  # type: ignore[arg-type]
+                    fdat |= node.changes.get("fdat", frozenset())  # type: ignore[arg-type]
             # motions elsewhere go on while a handler or a thread runs: what it ends itself counts, too
-            shifts |= {node.begins for node in self._nodes[first : last + 1] if node.begins}
-        return State(frozenset(tool), frozenset(base), frozenset(), frozenset(), frozenset(shifts))
+            shifts |= {node.begins for node in nodes if node.begins}
+        return State(frozenset(tool), frozenset(base), frozenset(ipo), frozenset(fdat), frozenset(shifts))

@@ -37,6 +37,8 @@ class Graph(NamedTuple):
         The routines that may run at any time.
     loops : dict of int to (Counter, int, int)
         The counting loops by the nodes at which they begin, with their bodies and the nodes behind them.
+    aborted : list of (list of str, int)
+        The routines that a handler may abort, and the nodes at which control goes on then.
     """
 
     followers: list[list[int]]
@@ -46,6 +48,7 @@ class Graph(NamedTuple):
     parts: list[tuple[int, int]]
     handlers: set[str]
     loops: dict[int, tuple[Counter, int, int]]
+    aborted: list[tuple[list[str], int]]
 
 
 @dataclass(slots=True)
@@ -119,6 +122,11 @@ class Ways:
                 self._unlink(before, behind)
                 self._link(before, first)
                 for node in exits:
+                    self._link(node, behind)
+        for names, behind in graph.aborted:
+            for name in touched.intersection(names):
+                first, last, _ = graph.routines[name]
+                for node in range(first, last + 1):
                     self._link(node, behind)
         for first, _ in graph.parts:  # an error handler begins where the routine was
             owner = self._owner.get(first, "")

@@ -71,8 +71,10 @@ KRL: Final = (
     _kind(_CONVEYOR + rb"(?:ON|FOLLOW|SYNC|TRACK|SKIP)\b", _CONVEYOR + rb"(?:OFF|QUIT|INI_OFF)\b"),
     _call(rb"SET_TORQUE_LIMITS", rb"RESET_TORQUE_LIMITS"),
     _kind(rb"\$(?:OFFSET|CORR\w*|PATH_?CORR\w*|PROG_PAF|TORQUE_AXIS)\b[^=\r\n]*=(?!=)", None),
+    _kind(rb"\b(?:BASE_CORR_ON|M_BAS_COR_ON|TOOL_CORR_ON|TOOL_CORR_W_ON)\s*=(?!=)\s*(?!FALSE\b)", None),
 )
-"""Sensor correction (RSI and its forerunner), function generators, touch and seam sensing, conveyors, soft axes."""
+"""Sensor correction (RSI and its forerunner), function generators, touch and seam sensing, conveyors, soft axes, and
+corrections that BAS adds to tools and bases."""
 
 RAPID: Final = (
     _kind(rb"^WaitWObj\b", rb"^DropWObj\b"),

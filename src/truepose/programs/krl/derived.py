@@ -22,6 +22,7 @@ from truepose.programs.core.arithmetic import (
     Opaque,
     Shifted,
     Variable,
+    names_in,
 )
 from truepose.programs.core.derived import Derivations, Goal, words
 from truepose.programs.core.derived import Derived as Found
@@ -102,11 +103,12 @@ class KrlDerivations:
         self._components: dict[Name, tuple[PointVariable, Index, str]] = {}
         self.whole = False
 
-    def component(self, variable: PointVariable, index: Index, key: str) -> Expression:
+    def component(self, variable: PointVariable, index: Index, key: str, line: int) -> Expression:
         """Return a coordinate of a FRAME as a number, which is constant if nothing changes the frame."""
         name = (f"{variable.name.upper()}.{key}", id(variable))
         found = name if index == () else Element(name, index)
         self._components[found] = variable, index, key
+        self.derivations.escape([self.name(variable, index)], line, "used as a shift")
         return Variable(found)
 
     def _coordinate(self, variable: PointVariable, index: Index, key: str) -> float | None:
@@ -120,6 +122,16 @@ class KrlDerivations:
         values = literals[0].aggregate.values
         turns = any(values.get(angle) != 0.0 for angle in ("A", "B", "C"))
         return None if turns or set(values) != set(CARTESIAN) else values[key]
+
+    def points_in(self, expression: Expression) -> list[tuple[PointVariable, Index]]:
+        """Return the points that an expression names, each with its element."""
+        names = map(Element.of, names_in(expression))
+        return [(self._points[array], place) for array, place in names if array in self._points]
+
+    def element(self, goal: Variable) -> tuple[PointVariable, Index] | None:
+        """Return the point that an expression consists of, and its element; None where it is no point."""
+        array, place = Element.of(goal.name)
+        return (self._points[array], None if goal.indices else place) if array in self._points else None
 
     def _key(self, variable: PointVariable | NumberVariable) -> Name:
         if id(variable) not in self._keys:
@@ -169,6 +181,8 @@ class KrlDerivations:
             return None
         first, last, step = (arithmetic(code, names, self) for code in (m[2], m[3], m[4] or b"1"))
         if first is None or last is None or step is None or not all(map(self._is_whole, (first, last, step))):
+            return None
+        if any(map(self.points_in, (first, last, step))):
             return None
         return Counter(self.name(variable), first, last, step)
 
@@ -276,7 +290,7 @@ def expression(
             for shift in reversed(before):
                 found = Shifted(found, shift, "frame")
             continue
-        by = _frame(source.data[a:b], names, known) or _shift(source, a, b, line, names, known)
+        by = _frame(source.data[a:b], line, names, known) or _shift(source, a, b, line, names, known)
         if by is None:
             return None
         if found is None:
@@ -298,14 +312,16 @@ def _is_frame(code: bytes, names: Resolver) -> bool:
     return variable is not None and variable.type == "FRAME"
 
 
-def _frame(code: bytes, names: Resolver, known: KrlDerivations) -> tuple[Expression, Expression, Expression] | None:
+def _frame(
+    code: bytes, line: int, names: Resolver, known: KrlDerivations
+) -> tuple[Expression, Expression, Expression] | None:
     """Return the shift of a FRAME that is named; None where code is no such name."""
     m = _NAMED.fullmatch(code)
     variable = names.find(m[1].decode().upper()) if m else None
     if m is None or variable is None or variable.array != (m[2] is not None):
         return None
     index = (int(m[2]),) if m[2] else ()
-    x, y, z = (known.component(variable, index, key) for key in AXES)
+    x, y, z = (known.component(variable, index, key, line) for key in AXES)
     return x, y, z
 
 

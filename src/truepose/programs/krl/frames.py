@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final, Literal
 
 from truepose.programs.core.flow import UNSET, FdatFrames, Flow, InForce
@@ -11,7 +11,6 @@ from truepose.programs.core.source import Source, shown, strip
 from truepose.programs.krl.constants import NO_CONSTANTS, Constants, key_of
 from truepose.programs.krl.lexer import BLANK, CARTESIAN, closing_brace, parse_aggregate
 from truepose.programs.krl.names import read_fdat
-from truepose.programs.krl.words import KEEPS_FRAMES
 
 Which = Literal["tool", "base"]
 SYSTEM: Final[dict[str, Which]] = {"$TOOL": "tool", "$BASE": "base"}
@@ -111,17 +110,23 @@ def _numbered(which: Which, number: int) -> InForce:
     return InForce("number", f"{_DATA[which]}[{number}]", number)
 
 
-def handed(data: bytes, start: int, end: int) -> Iterator[tuple[Which, int | None]]:
-    """Yield the tools and bases that a statement hands to a routine which may change them; None: any of them."""
+def handed(data: bytes, start: int, end: int, kept: Callable[[str], Sequence[bool] | None]) -> Iterator[bytes]:
+    """Yield the arguments that a statement hands to routines which may change them.
+
+    `kept` gives, by the name of a routine in upper case, whether it leaves each of its arguments as it is; None: all.
+    """
     for call in _CALL.finditer(data, start, end):
-        name = call[1]
-        if name.decode("latin-1").upper() in KEEPS_FRAMES:
+        if (by_value := kept(call[1].decode("latin-1").upper())) is None:
             continue
-        head = re.search(rb"\bDEF(?:FCT[ \t]+\w+)?[ \t]+" + re.escape(name) + rb"[ \t]*\(([^()\r\n]*)\)", data, re.I)
-        given = head[1].split(b",") if head and b"(" not in call[2] else []
+        by_value = () if b"(" in call[2] else by_value
         for k, argument in enumerate(call[2].split(b",")):
-            m = _TABLE.fullmatch(argument.strip())
-            if m is None or (k < len(given) and given[k].strip().upper().endswith(b":IN")):
-                continue
-            which: Which = "tool" if m[1].upper() == b"TOOL" else "base"
-            yield which, int(m[2]) if (m[2] or b"").isdigit() and len(m[2]) < 5 else None
+            if k >= len(by_value) or not by_value[k]:
+                yield argument.strip()
+
+
+def entry_of(argument: bytes) -> tuple[Which, int | None] | None:
+    """Return the tool or base that an argument names, by its number (None: any); None where it is no such argument."""
+    if (m := _TABLE.match(argument)) is None:
+        return None
+    which: Which = "tool" if m[1].upper() == b"TOOL" else "base"
+    return which, int(m[2]) if (m[2] or b"").isdigit() and len(m[2]) < 5 else None

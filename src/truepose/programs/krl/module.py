@@ -7,12 +7,14 @@ Points collect their uses, `Flow` the values in force. The verdicts follow when 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import BlockError, FdatFrames, Flow, InForce
+from truepose.programs.core.flow import BlockError, FdatFrames, Flow, InForce, State
 from truepose.programs.core.points import JOINTS, RELATIVE, Place, Problem, at, handed_to, unknown_motion
 from truepose.programs.core.program import ReadOptions
 from truepose.programs.core.source import Source, shown
@@ -20,23 +22,25 @@ from truepose.programs.krl import runs as krl_runs
 from truepose.programs.krl.constants import find_constants
 from truepose.programs.krl.controller import is_null
 from truepose.programs.krl.derived import KrlDerivations
-from truepose.programs.krl.frames import SYSTEM, Which, bas, fdat_value, frame_value, handed, ipo_value
+from truepose.programs.krl.frames import SYSTEM, Which, bas, entry_of, fdat_value, frame_value, handed, ipo_value
 from truepose.programs.krl.lexer import Lines, Statement, pieces, statements
 from truepose.programs.krl.libraries import is_encoded
 from truepose.programs.krl.motions import KrlMotionReader, Settings
-from truepose.programs.krl.names import Names, calls_in, element
+from truepose.programs.krl.names import Names, element
 from truepose.programs.krl.points import Numbers, PointVariable
 from truepose.programs.krl.runs import find_run
 from truepose.programs.krl.statements import KrlStatements, element_of
 from truepose.programs.krl.words import (
     DECLARE,
-    FRAME_CHANGE,
     HANDED_POSE,
+    IDENTIFIER,
     JOINT_MOTIONS,
     KEEPS_FRAMES,
     MOTIONS,
     OTHER_STATEMENTS,
     RELATIVE_MOTIONS,
+    STATE,
+    STATE_CHANGE,
     STRAY_MOTION,
     TYPES,
     WITHOUT_USE,
@@ -46,6 +50,7 @@ from truepose.programs.krl.words import (
 
 _ASSIGN = re.compile(rb"[ \t]*+(\[[^\]]*+\])?+[ \t]*+((?:\.[ \t]*+\w++(?:\[[^\]]*+\])?+[ \t]*+)*+)=(?!=)")
 _CALL = re.compile(rb"[ \t]*+\(")
+_TEXT = re.compile(rb"\"[^\"]*+\"")
 _LABEL = re.compile(rb"[ \t]*+:[ \t]*+")
 _OPERAND = re.compile(rb"[ \t]*+\{|[ \t]++[A-Za-z_$]")
 _ROUTINE = re.compile(
@@ -53,9 +58,12 @@ _ROUTINE = re.compile(
 )
 _ROUTINES = re.compile(rb"^[ \t]*+(?:DEF|DEFFCT[ \t]++\w++(?:\[[^\]]*+\])?+)[ \t]++([A-Za-z_$][\w$]*+)", re.I | re.M)
 """Routines that other modules do not see, and the first one."""
-_DEFINED = re.compile(rb"^" + _ROUTINE.pattern, re.I | re.M)
+_DEFINED = re.compile(rb"^" + _ROUTINE.pattern + rb"(?:[ \t]*+\(([^()\r\n]*+)\))?+", re.I | re.M)
 _FDAT_SET = re.compile(
     rb"^[ \t]*+([A-Za-z]\w*+)[ \t]*+(?:\.[ \t]*+(?:TOOL_NO|BASE_NO|IPO_FRAME)[ \t]*+)?+=(?!=)", re.I | re.M
+)
+_ARGUMENTS = re.compile(
+    rb"^[ \t]*+(?!S?(?:PTP|LIN|CIRC)\b|SPL(?:INE)?\b|PTP_SPLINE\b)[^\r\n;(]*+\([^\r\n;]*+", re.I | re.M
 )
 _HANDLER = re.compile(rb"\bDO\b\s*([A-Za-z_$][\w$]*+)\s*\(", re.I)
 _PUBLIC = re.compile(rb"\bPUBLIC\b", re.I)
@@ -65,6 +73,7 @@ _ASSIGNED: Final = re.compile(
     rb"^[ \t]*+([A-Za-z_$][\w$]*+)[ \t]*+(?:\[[^\]\r\n]*+\][ \t]*+)?(?:\.[ \t]*+\w++[ \t]*+)?=(?!=)", re.M
 )
 _WORLD: Final = ("$ROBROOT", "$WORLD")
+_WORLD_NAMED: Final = re.compile(rb"\$(?:ROBROOT|WORLD)\b", re.I)
 _LOOPS: Final = {"ENDFOR": "FOR", "ENDWHILE": "WHILE", "ENDLOOP": "LOOP", "UNTIL": "REPEAT"}
 
 
@@ -90,12 +99,15 @@ class Shared:
         The places where the program changes a numbered frame.
     moved : list of str
         The statements that change the place of the robot in the world.
+    by_libraries : list of (int, callable)
+        What statements of libraries do to `changed` and `moved`, each with its node of the flow: only what the programs
+        run counts.
     set_to : dict of ("tool" or "base", number) to list of InForce
         The values that the program gives to numbered frames, as far as they are constants.
     libraries : frozenset of Path
         The files that are read for their effects only; see `truepose.programs.krl.libraries`.
-    routines : set of str
-        The names, in upper case, of the routines that the modules define.
+    routines : dict of str to list of bool
+        The routines that the modules define, by name in upper case: whether each parameter is IN.
     """
 
     options: ReadOptions
@@ -106,9 +118,19 @@ class Shared:
     fdats: dict[str, FdatFrames] = field(default_factory=dict)
     changed: dict[tuple[str, int | None], Place] = field(default_factory=dict)
     moved: list[str] = field(default_factory=list)
+    by_libraries: list[tuple[int, Callable[[], object]]] = field(default_factory=list)
     libraries: frozenset[Path] = frozenset()
     set_to: dict[tuple[str, int | None], list[InForce]] = field(default_factory=dict)
-    routines: set[str] = field(default_factory=set)
+    routines: dict[str, list[bool]] = field(default_factory=dict)
+
+    def solve(self) -> State:
+        """Follow the ways through the program; return the values that interrupts may set anywhere."""
+        ambient = self.flow.solve()
+        reached = self.flow.reached() if self.by_libraries else frozenset[int]()
+        for node, act in self.by_libraries:
+            if node in reached:
+                act()
+        return ambient
 
     def __post_init__(self) -> None:
         self.derivations = KrlDerivations(self.flow)
@@ -143,6 +165,7 @@ class KrlModule:
         self._options, self._flow, self._changed = shared.options, shared.flow, shared.changed
         everywhere = (shared.points, shared.fdats) if shared.project else (None, None)
         self.names = self._names = Names(shared.numbers, *everywhere)
+        self._names.routines = shared.routines
         self.variables: list[PointVariable] = []
         self.runs: list[tuple[Numbers, Lines]] = []
         self._whole = shared.project or shared.options.whole_task
@@ -161,13 +184,25 @@ class KrlModule:
 
     def look_ahead(self) -> None:
         """Find the routines and constants of the module, and forget the FDATs that the .src assigns to."""
-        self._shared.routines |= {m[1].decode().upper() for m in _DEFINED.finditer(self._src.data)}
+        routines = self._shared.routines
+        for m in _DEFINED.finditer(self._src.data):
+            by_value = [code.strip().upper().endswith(b":IN") for code in (m[2] or b"").split(b",")]
+            name = m[1].decode().upper()
+            routines[name] = [a and b for a, b in zip(routines.get(name, by_value), by_value, strict=False)]
         if not self._names.public:
             self._names.constants = find_constants(self.dat, self._src)
         for m in _FDAT_SET.finditer(self._src.data):
             if (name := m[1].decode().upper()) in self._names.fdats:
                 unknown = InForce("unknown", f"{name} is set at run time (line {self._src.line(m.start(1))})")
                 self._names.forget_fdat(name, FdatFrames(unknown, unknown, "BASE"))
+
+    def forget_handed(self) -> None:
+        """Forget the FDATs that the .src hands to a routine which may change them; once all routines are known."""
+        for m in _ARGUMENTS.finditer(self._src.data) if self._names.fdats else ():
+            for argument in handed(self._src.data, *m.span(), self._names.kept):
+                if (name := argument.partition(b".")[0].strip().decode("latin-1").upper()) in self._names.fdats:
+                    unknown = InForce("unknown", f"{name} is handed to a routine (line {self._src.line(m.start())})")
+                    self._names.forget_fdat(name, FdatFrames(unknown, unknown, "BASE"))
 
     def read_src(self) -> None:
         """Read the statements; a FileError names the line of a broken one."""
@@ -223,11 +258,13 @@ class KrlModule:
         word, line, start, rest, end = statement
         data = self._src.data
         if word in MOTIONS:
-            if calls := calls_in(data, rest, end):  # these run before the motion
+            if calls := self._names.calls(data, rest, end):  # these run before the motion
                 self._derivations.hand_over(data, rest, end)
+                self._hand_frames(statement)
                 self._call(calls)
             self._motions.read(statement)
         elif word in RELATIVE_MOTIONS or word in JOINT_MOTIONS:
+            self._hand_frames(statement)
             self._call(self._names.scan(data, rest, end, line, "used by a relative motion"))
             self._motions.other(word, line, JOINTS if word in JOINT_MOTIONS else RELATIVE)
         elif word in ("DEF", "DEFFCT") or (word == "GLOBAL" and _ROUTINE.match(data, start, end)):
@@ -237,11 +274,14 @@ class KrlModule:
         elif _declares(word, data, rest, end):
             if word == "GLOBAL" and self._interrupt(statement):
                 return
+            if calls := self._names.calls(data, rest, end):
+                self._derivations.hand_over(data, rest, end)
+                self._call(calls)
             before = set(self._names.local.values())
             self._names.declare(self._src, start, end, line, "src")
             self.variables += [variable for variable in self._names.local.values() if variable not in before]
         elif word in WITHOUT_USE:
-            pass
+            self._names.scan(data, rest, end, line)
         elif not self._control(statement):
             self._other(statement)
 
@@ -252,6 +292,7 @@ class KrlModule:
         if word in ("IF", "SWITCH", "FOR", "WHILE", "LOOP", "REPEAT"):
             if _ASSIGN.match(self._src.data, rest, end):
                 return False
+            self._follow_shifts(statement)
             if word != "FOR" or not self._derivations.begin_for(self._src, statement, self._motions.place(line)):
                 self._scan(statement)
                 flow.begin(word, line)
@@ -259,24 +300,33 @@ class KrlModule:
                 self._conditions.append(statement)
         elif word in ("ELSE", "CASE", "DEFAULT"):
             flow.branch(word, last=word != "CASE")
+            self._scan(statement)
         elif word in ("ENDIF", "ENDSWITCH"):
             flow.end(word, word[3:])
+            self._scan(statement)
         elif word in _LOOPS:
-            self._scan(self._conditions.pop() if word == "ENDWHILE" and self._conditions else statement)
+            condition = self._conditions.pop() if word == "ENDWHILE" and self._conditions else statement
+            self._follow_shifts(condition)
+            self._scan(condition)
             self._derivations.end_loop(word, _LOOPS[word], self._motions.place(line))
         elif word == "EXIT":
+            self._scan(statement)
             flow.exit()
         elif word in ("RETURN", "RESUME"):
+            self._follow_shifts(statement)
             self._scan(statement)
-            flow.leave()
+            (flow.abort if word == "RESUME" else flow.leave)()
         elif word == "GOTO" and (m := _WORD.match(self._src.data, rest, end)):
             flow.goto(m[1].decode().upper())
         elif word in ("SPLINE", "PTP_SPLINE"):
             if self._motions.block != Settings():
                 raise BlockError(f"{word} inside a spline block")
+            self._hand_frames(statement)
+            self._call(self._names.scan(self._src.data, rest, end, line, "used in the settings of a motion"))
             if (m := _WORD.match(self._src.data, rest, end)) and m[1].upper() == b"WITH":
                 self._motions.block = self._motions.settings(m.end(), end, line)
         elif word == "ENDSPLINE":
+            self._scan(statement)
             self._motions.block = Settings()
         else:
             return False
@@ -287,7 +337,8 @@ class KrlModule:
         data = self._src.data
         if not word or not _ASSIGN.match(data, rest, end):
             self._derivations.hand_over(data, start, end, at_any_time=word in OTHER_STATEMENTS)
-        shifts.follow(self._flow, shifts.KRL, data[start:end], self._motions.place(line))
+        if word != "INTERRUPT":
+            self._follow_shifts(statement, later=word == "TRIGGER")
         for given in HANDED_POSE.finditer(data, start, end):
             if given[1] and (name := given[1].decode()).upper() not in KEEPS_FRAMES:
                 self._motions.other(name, line, handed_to(name))
@@ -311,10 +362,57 @@ class KrlModule:
         elif word == "TRIGGER":
             self._trigger(statement)
         elif word and word not in OTHER_STATEMENTS and word not in KEEPS_FRAMES and _OPERAND.match(data, rest, end):
-            self._names.scan(data, rest, end, line)
+            self._distrust(statement)
             self._motions.other(word, line, unknown_motion(shown(data, start, end)))
-        else:
+        elif word in OTHER_STATEMENTS or word in KEEPS_FRAMES or (word and _CALL.match(data, rest, end)):
             self._scan(statement)
+        else:
+            self._distrust(statement)
+
+    def _follow_shifts(self, statement: Statement, *, later: bool = False) -> None:
+        """Note the shifts that a statement begins or ends; one that acts `later` ends none."""
+        word, line, start, _, end = statement
+        code, place = _TEXT.sub(b'""', self._src.data[start:end]), self._motions.place(line)
+        if word == "TRIGGER" or not later:  # a trigger acts once, with the next motion
+            kinds = [kind._replace(ends=None) for kind in shifts.KRL] if later else shifts.KRL
+            shifts.follow(self._flow, kinds, code, place)
+        else:
+            for shift in shifts.begun(shifts.KRL, [(line, code)]):
+                self._flow.shift(*shift)
+
+    def _distrust(self, statement: Statement) -> None:
+        """Take a statement that is not understood: it may change all that it names, and run all routines it names."""
+        _, _, start, _, end = statement
+        data = self._src.data
+        self._scan(statement)
+        self._change_state(statement, [m[0] for m in STATE.finditer(data, start, end)])
+        self._derivations.distrust(data, start, end)
+        if world := _WORLD_NAMED.search(data, start, end):
+            self._move_world(f"{world[0].decode('latin-1')} in {shown(data, start, end)}", statement.line)
+        named = {m[1].decode().upper() for m in IDENTIFIER.finditer(data, start, end) if m[1] and m[2] != b"("}
+        for name in sorted(named & self._names.fdats.keys()):
+            self._names.forget_fdat(name, FdatFrames(*[self._not_known(statement)] * 2, "BASE"))
+        if routines := sorted(named & self._shared.routines.keys()):
+            self._flow.call_one_of([self._own.get(name, name) for name in routines])
+
+    def _not_known(self, statement: Statement) -> InForce:
+        _, line, start, _, end = statement
+        return InForce("unknown", f"{shown(self._src.data, start, end)} (line {line})")
+
+    def _change_state(self, statement: Statement, named: list[bytes]) -> None:
+        """Note that a statement may set what it names, in a way that is not followed."""
+        unknown, code = self._not_known(statement), self._src.data[statement.start : statement.end]
+        for name in {name.decode("latin-1").upper() for name in named}:
+            if name in FRAME_TABLES:
+                for m in re.finditer(rb"(?<![\w$])" + name.encode() + rb"\b", code, re.I):
+                    if (entry := entry_of(code[m.start() :])) is not None:
+                        self._change_entry(entry, statement.line)
+            elif name in ("$TOOL", "$BASE"):
+                self._flow.change(tool=unknown, base=unknown)
+            elif name == "$IPO_MODE":
+                self._flow.change(ipo=unknown.text)
+            else:
+                self._flow.change(fdat=FdatFrames(unknown, unknown, unknown.text))
 
     def _scan(self, statement: Statement, later: str = "") -> None:
         """Take any other statement: its reads and calls, and a motion inside it; `later`: a routine not called yet."""
@@ -322,10 +420,8 @@ class KrlModule:
         data = self._src.data
         self._stray(statement)
         if WORLD_CHANGE.search(data, start, end):
-            self._shared.moved.append(f"{shown(data, start, end)}, {at(self._motions.place(line))}")
-        if FRAME_CHANGE.search(data, start, end):
-            unknown = InForce("unknown", f"{shown(data, start, end)} (line {line})")
-            self._flow.change(tool=unknown, base=unknown)
+            self._move_world(shown(data, start, end), line)
+        self._change_state(statement, [m[0] for m in STATE_CHANGE.finditer(data, start, end)])
         self._hand_frames(statement)
         calls = self._names.scan(data, start, end, line)
         if calls:
@@ -361,14 +457,14 @@ class KrlModule:
             number = m[1].strip(b"[] \t") if m[1] else b""
             key = int(number) if number.isdigit() and len(number) < 5 else None
             which = FRAME_TABLES[word]
-            self._changed.setdefault((which, key), self._motions.place(line))
+            self._change_entry((which, key), line)
             if not m[2]:
                 self._shared.set_to.setdefault((which, key), []).append(
                     frame_value(self._src, m.end(), end, line, which, fdats)
                 )
         elif word in _WORLD:
             if m[1] or m[2] or not is_null(self._src, m.end(), end, line):
-                self._shared.moved.append(f"{shown(data, start, end)}, {at(self._motions.place(line))}")
+                self._move_world(shown(data, start, end), line)
         elif (variable := self._names.find(word)) is not None:
             index = element(variable, m[1])
             if m[2]:
@@ -378,21 +474,55 @@ class KrlModule:
 
     def _hand_frames(self, statement: Statement) -> None:
         """Note the tools and bases that a routine gets and may change."""
-        if b"_DATA" in self._src.data[statement[2] : statement[4]].upper():
-            for key in handed(self._src.data, statement[2], statement[4]):
-                self._changed.setdefault(key, self._motions.place(statement[1]))
+        _, _, start, _, end = statement
+        if STATE.search(self._src.data, start, end):
+            for argument in handed(self._src.data, start, end, self._names.kept):
+                if m := STATE.match(argument):
+                    self._change_state(statement, [m[0]])
+
+    def _change_entry(self, key: tuple[str, int | None], line: int) -> None:
+        """Note a change of a tool or base of the tables."""
+        self._act(partial(self._changed.setdefault, key, self._motions.place(line)))
+
+    def _act(self, act: Callable[[], object]) -> None:
+        """Do what a statement does to the program as a whole; of a library's, only if the programs run it."""
+        if self._is_library:
+            self._shared.by_libraries.append((self._flow.node, act))
+        else:
+            act()
+
+    def _move_world(self, text: str, line: int) -> None:
+        """Note a change of the place of the robot in the world."""
+        self._act(partial(self._shared.moved.append, f"{text}, {at(self._motions.place(line))}"))
 
     def _interrupt(self, statement: Statement) -> bool:
         """Take INTERRUPT DECL … DO handler( ); False if it is another statement."""
-        _, _, start, _, end = statement
+        word, _, start, _, end = statement
         code = self._src.data[start:end]
         if b"INTERRUPT" not in code.upper():
             return False
-        if (m := _HANDLER.search(code)) and m[1].decode().upper() not in KEEPS_FRAMES:
+        self._follow_shifts(statement, later=True)
+        handler = ""
+        if (m := _HANDLER.search(code)) and not self._names.is_known(m[1].decode().upper()):
             handler = m[1].decode().upper()
-            self._flow.handlers.append(self._own.get(handler, handler))
+        # a submit has no tool and base of its own, and cannot set those of the robot
+        if handler in self._shared.routines or (handler and not self._is_submit):
+            if self._is_library:
+                self._flow.handle_if_reached(self._own.get(handler, handler))
+            else:
+                self._flow.handlers.append(self._own.get(handler, handler))
             self._flow.start(self._own.get(handler, handler))
+            self._flow.may_abort(self._own.get(handler, handler), anywhere=word == "GLOBAL")
+        self._at_any_time(statement, handler)
         return True
+
+    def _at_any_time(self, statement: Statement, routine: str) -> None:
+        """Take a statement that runs at any time from here on; the `routine` that it calls is started already."""
+        _, _, start, _, end = statement
+        self._derivations.distrust(self._src.data, start, end)
+        self._scan(statement, later=routine)
+        if STATE_CHANGE.search(self._src.data, start, end):
+            self._flow.handlers.append(shown(self._src.data, start, end))
 
     def _trigger(self, statement: Statement) -> None:
         """Take TRIGGER … DO subprogram( ), which runs while the motions after it do."""
@@ -401,9 +531,10 @@ class KrlModule:
         if m := _HANDLER.search(self._src.data[start:end]):
             name = m[1].decode().upper()
             self._flow.start(self._own.get(name, name))
-        if name in self._shared.routines:
+        outside = not self._shared.project and not self._options.calls_keep_frames and not self._names.is_known(name)
+        if name in self._shared.routines or (name and outside):
             self._flow.handlers.append(self._own.get(name, name))
-        self._scan(statement, later=name if name in self._shared.routines else "")
+        self._at_any_time(statement, name if name in self._shared.routines else "")
 
     def _call(self, names: list[str]) -> None:
         where = "project" if self._shared.project else "file"
@@ -422,12 +553,22 @@ class KrlModule:
         self._routine = (name, line)
         self._names.local, self._names.local_numbers = {}, {}
         for parameter in split_parameters(self._src.data[m.end() : end]):  # it hides a point of the module
-            variable = self._names.local[parameter.upper()] = PointVariable(parameter, "", line, "src")
+            variable = self._names.local[parameter.upper()] = PointVariable(parameter, "", line, "src", parameter=True)
             self.variables.append(variable)
         outside = not self._shared.project and (not self._routines or word == "GLOBAL")
         key = name.upper() if not self._routines or word == "GLOBAL" else self._own.get(name.upper(), name.upper())
         self._flow.begin_routine(key, outside=outside)
+        if self._is_library and not self._is_submit and key != "BAS":
+            self._flow.only_called.add(key)
         self._routines += 1
+
+    @property
+    def _is_library(self) -> bool:
+        return self._src.path in self._shared.libraries
+
+    @property
+    def _is_submit(self) -> bool:
+        return self._src.path.suffix.lower() == ".sub"
 
     def _end_routine(self) -> None:
         if self._routine is None and self._routines:

@@ -121,6 +121,7 @@ class KrlMotionReader:
     def settings(self, start: int, end: int, line: int) -> Settings:
         """Read the assignments behind WITH."""
         found = self.block
+        self._names.scan(self._source.data, start, end, line, "used in the settings of a motion")
         if approach := APPROACH.search(self._source.data, start, end):
             end = approach.start()
         try:
@@ -152,9 +153,10 @@ class KrlMotionReader:
         except ValueError as error:
             raise self._source.error(line, f"{word}: {error}; correct the file") from None
         if len(spans) == 3 and word in CIRCLES and _CIRCLE_ANGLE.match(data, *spans[2]):
-            spans.pop()
+            self._names.scan(data, *spans.pop(), line)
         expected = 2 if word in CIRCLES else 1
         if len(spans) != expected or any(a == b for a, b in spans):
+            self._names.scan(data, start, end, line)
             self.other(word, line, not_understood(f"{word} {shown(data, start, end)}".rstrip()))
             return
         motion = self._motion(word, line, settings)
@@ -172,6 +174,10 @@ class KrlMotionReader:
         resolver = Resolver(self._names.find, self._names.number)
         goal = expression(self._source, start, end, motion.line, resolver, self._derivations)
         if isinstance(goal, (Variable, Shifted)):
+            if isinstance(goal, Variable) and (found := self._derivations.element(goal)):
+                for index in goal.indices:
+                    self._read(index, motion.line)
+                return self._element(*found, motion, goal)
             followed = self._follow(goal, motion)
             point = self.other(motion.word, motion.line, computed(shown(data, start, end)), name)
             self.computed[followed] = point
@@ -183,8 +189,15 @@ class KrlMotionReader:
             return self.other(motion.word, motion.line, problem, name)
         return self.other(motion.word, motion.line, computed(shown(data, start, end)), name)
 
+    def _read(self, expression: Expression, line: int) -> None:
+        """Note the points that an index reads."""
+        for variable, place in self._derivations.points_in(expression):
+            variable.reads[place].append((line, "read by arithmetic"))
+            self._names.escape(variable, place, line, "read by arithmetic")
+
     def _literal(self, start: int, end: int, name: str, motion: KrlMotion) -> Goal:
         aggregate = parse_point(self._source, start, end, motion.line)
+        self._names.scan_parts(aggregate, motion.line)
         numbers = Numbers(name, self._source, motion.line, aggregate, motion=motion)
         self._names.numbers.append(numbers)
         return numbers
@@ -197,12 +210,17 @@ class KrlMotionReader:
         if variable is None:
             variable = self._names.elsewhere[key] = PointVariable(name.decode(), "", motion.line, "nowhere")
         index = element(variable, brackets)
+        if index is None and brackets is not None:
+            self._names.scan(brackets, 0, len(brackets), motion.line)
+        return self._element(variable, index, motion, self._derivations.point(variable, index))
+
+    def _element(self, variable: PointVariable, index: Index, motion: KrlMotion, goal: Expression) -> Goal:
+        """Note a motion to a point, or to an element of an array; None: any."""
         followed = None
-        if key in self._derivations.assigned:
-            followed = self._follow(self._derivations.point(variable, index), motion, variable, index)
-        goal = Element(variable, index, followed)
+        if variable.name.upper() in self._derivations.assigned:
+            followed = self._follow(goal, motion, variable, index)
         variable.moves[index].append(motion)
-        return goal
+        return Element(variable, index, followed)
 
     def _follow(
         self, goal: Expression, motion: KrlMotion, variable: PointVariable | None = None, index: Index = ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import ChainMap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, Literal
 
 from truepose.programs.core.flow import FdatFrames, InForce
@@ -21,12 +21,13 @@ from truepose.programs.krl.lexer import (
     split_commas,
 )
 from truepose.programs.krl.points import JOINTS, POSES, Index, Numbers, PointVariable
-from truepose.programs.krl.words import IDENTIFIER, KEEPS_FRAMES
+from truepose.programs.krl.words import IDENTIFIER, KEEPS_FRAMES, READS
 
 _DECLARATION = re.compile(rb"((?:(?:DECL|GLOBAL|CONST|PUBLIC|IMPORT)\b\s*+)*+)([A-Za-z_]\w*+)\s*+", re.I)
 _DECLARATOR = re.compile(rb"([A-Za-z_$][\w$]*+)\s*+(\[[^\]]*\])?\s*+(=)?\s*+")
 _IS_PATH = re.compile(rb"\bIS\b", re.I)
 _IMPORTED = re.compile(rb"/R\d/(?:\w+/)*([\w$]+)\.\.([\w$]+)(?:\[\])?", re.I)
+_CALLS: Final = re.compile(rb"\"[^\"]*+\"|'[^'\r\n]*+'|(?:(?<![\w#.])([A-Za-z_$][\w$]*+)[ \t]*+)?+\(|\)")
 _POINT_TYPES: Final = frozenset([*POSES, *JOINTS])
 _NUMBER_TYPES: Final = ("INT", "REAL")
 
@@ -44,6 +45,9 @@ class Names:
         Whether the data list is PUBLIC, so that other modules may import its points.
     constants : Constants
         The numbers and frames that no statement changes.
+    routines : mapping of str to sequence of bool
+        The routines of the program by name in upper case: whether each of its parameters is IN. One with the name of a
+        function of the system is no such function.
     escape : callable
         A function that is told of every use of a point other than by a motion: the point, the element, the line and a
         phrase.
@@ -56,6 +60,7 @@ class Names:
         fdats: dict[str, FdatFrames] | None = None,
     ) -> None:
         self.escape: Callable[[PointVariable, Index, int, str], object] = lambda *_: None
+        self.routines: Mapping[str, Sequence[bool]] = {}
         self.own_numbers: dict[str, NumberVariable] = {}
         self.local_numbers: dict[str, NumberVariable] = {}
         self.module: dict[str, PointVariable] = {}
@@ -101,7 +106,7 @@ class Names:
                 self._imports.append((alias, known[1].decode().upper(), known[2].decode().upper()))
             end = path.start()
         if kind in _NUMBER_TYPES:
-            self._declare_numbers(source, m.end(), end, kind, outside=imported or b"GLOBAL" in words)
+            self._declare_numbers(source, m.end(), end, line, kind, outside=imported or b"GLOBAL" in words)
             return
         if kind not in _POINT_TYPES and kind != "FDAT":
             return
@@ -120,18 +125,20 @@ class Names:
             table = self.module if origin == "dat" else self.local
             if name in table and table[name].type:  # a parameter has none yet
                 raise source.error(line, f"{name} is declared twice, first in line {table[name].line}; keep one")
+            parameter = name in table  # the type of a parameter that the head of the routine names
             variable = table[name] = PointVariable(
                 d[1].decode(), kind, line, "import" if imported else origin, is_global, array=d[2] is not None
             )
+            variable.parameter = parameter
             variable.fdats = self.fdats if origin == "dat" else None
             variable.is_public = self.public and origin == "dat"
             shared = self.everywhere if is_global and self.everywhere is not None else {}
             if (old := shared.setdefault(name, variable)) is not variable:
                 raise source.error(line, f"{name} is GLOBAL here and in line {old.line} of another file; keep one")
             if d[3]:
-                self.assign(source, variable, (), d.end(), b, line)
+                self.assign(source, variable, (), d.end(), b, line, declared=True)
 
-    def _declare_numbers(self, source: Source, start: int, end: int, kind: str, *, outside: bool) -> None:
+    def _declare_numbers(self, source: Source, start: int, end: int, line: int, kind: str, *, outside: bool) -> None:
         """Read a declaration of numbers; `outside`: other modules may change them."""
         try:
             pieces = split_commas(source.data, start, end)
@@ -143,6 +150,8 @@ class Names:
                 variable = NumberVariable(kind, d[1].decode(), handed=outside or self.public)
                 local[d[1].decode().upper()] = variable
                 value = numbers_of(source.data[d.end() : b]) if d[3] else None
+                if d[3] and value is None:
+                    self.scan(source.data, d.end(), b, line)
                 if value is not None and not d[2] and local is self.own_numbers:
                     variable.values[()] = value
 
@@ -158,18 +167,31 @@ class Names:
             if m[1] is not None and (number := self.number(m[1].decode().upper())) is not None:
                 number.handed = True
 
-    def assign(self, source: Source, variable: PointVariable, index: Index, start: int, end: int, line: int) -> None:
-        """Take the value of a point: numbers that may be corrected, or a value that only the run time knows."""
+    def assign(
+        self,
+        source: Source,
+        variable: PointVariable,
+        index: Index,
+        start: int,
+        end: int,
+        line: int,
+        *,
+        declared: bool = False,
+    ) -> None:
+        """Take the value of a point: numbers that may be corrected, or a value that only the run time knows.
+
+        `declared`: it is an initial value, and nothing else notes what it reads.
+        """
         start, end = strip(source.data, start, end, BLANK)
-        parameter = variable.origin == "src" and not variable.type
-        if source.data[start : start + 1] != b"{" or parameter:
+        literal = source.data[start : start + 1] == b"{" and closing_brace(source, start, end, line) == end
+        if not literal or variable.parameter:
+            if declared:
+                self.scan(source.data, start, end, line)
             variable.writes[index].append((line, "assigned"))
             return
-        close = closing_brace(source, start, end, line)
-        if close != end:
-            variable.writes[index].append((line, "assigned by an expression"))
-            return
         aggregate = parse_point(source, start, end, line)
+        if declared:
+            self.scan_parts(aggregate, line)
         in_program = source.path.suffix.lower() != ".dat"
         if not in_program and (old := variable.literals.get(index)) and old[0].source is source:
             raise source.error(line, f"{variable.name} already has a value in line {old[0].line}; keep one")
@@ -181,28 +203,41 @@ class Names:
         self.numbers.append(numbers)
 
     def scan(self, data: bytes, start: int, end: int, line: int, how: str = "read by arithmetic") -> list[str]:
-        """Note the points that code reads; return the subprograms that it calls."""
-        calls = []
+        """Note the points that code reads; return the subprograms that it calls, in the order of the calls."""
         for m in IDENTIFIER.finditer(data, start, end):
-            if m[1] is None:
+            if m[1] is None or m[2] == b"(":
                 continue
             name = m[1].decode().upper()
-            if m[2] == b"(":
-                if name not in KEEPS_FRAMES:
-                    calls.append(name)
-            elif (variable := self.find(name)) is not None:
+            if (variable := self.find(name)) is not None:
                 index = element(variable, m[2])
                 variable.reads[index].append((line, how))
                 self.escape(variable, index, line, how)
-        return calls
+        return self.calls(data, start, end)
 
+    def scan_parts(self, aggregate: Aggregate, line: int) -> None:
+        """Note the points that the expressions in an aggregate read."""
+        for code in aggregate.loose.values():
+            self.scan(code, 0, len(code), line)
 
-def calls_in(data: bytes, start: int, end: int) -> list[str]:
-    """Return the subprograms that code calls."""
-    if data.find(b"(", start, end) < 0:
-        return []
-    names = [m[1].decode().upper() for m in IDENTIFIER.finditer(data, start, end) if m[1] and m[2] == b"("]
-    return [name for name in names if name not in KEEPS_FRAMES]
+    def calls(self, data: bytes, start: int, end: int) -> list[str]:
+        """Return the subprograms that code calls, in the order of the calls: arguments come first."""
+        if data.find(b"(", start, end) < 0:
+            return []
+        found, waiting = list[str](), list[str]()
+        for m in _CALLS.finditer(data, start, end):
+            if m[0] != b")" and m[0][:1] not in (b'"', b"'"):
+                waiting.append(m[1].decode().upper() if m[1] else "")
+            elif m[0] == b")" and waiting:
+                found.append(waiting.pop())
+        return [name for name in (*found, *reversed(waiting)) if name and not self.is_known(name)]
+
+    def kept(self, name: str) -> Sequence[bool] | None:
+        """Return whether a routine leaves each frame that it is given as it is; None: all of them."""
+        return self.routines.get(name, None if name in READS else ())
+
+    def is_known(self, name: str) -> bool:
+        """Return whether a name before a parenthesis is of the system, and leaves tool and base unchanged."""
+        return name in KEEPS_FRAMES and name not in self.routines
 
 
 def is_partial(aggregate: Aggregate) -> bool:

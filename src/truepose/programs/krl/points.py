@@ -63,7 +63,8 @@ class KrlMotion(NamedTuple):
 class PointVariable:
     """A point or an array of points, with the uses of each element.
 
-    `literals` are the numbers that are assigned to it; `fdats` are those of its file.
+    `literals` are the numbers that are assigned to it; `fdats` are those of its file. A `parameter` of a routine may be
+    a point of the caller.
     """
 
     name: str
@@ -73,6 +74,7 @@ class PointVariable:
     is_global: bool = False
     is_public: bool = False
     array: bool = False
+    parameter: bool = False
     fdats: Mapping[str, FdatFrames] | None = None
     moves: defaultdict[Index, list[KrlMotion]] = field(default_factory=lambda: defaultdict(list))
     reads: _Uses = field(default_factory=lambda: defaultdict(list))
@@ -245,7 +247,7 @@ class KrlJudge(Judge):
         state = self._states[motion.node]
         if problem := shifts.problem_of(state.shifts | self._ambient.shifts):
             raise NotCorrected(*problem)
-        ipos = {motion.ipo} if motion.ipo else set(state.ipo)
+        ipos = {motion.ipo} if motion.ipo else set(state.ipo | self._ambient.ipo)
         if fdat and fdat.ipo != "BASE":
             ipos = {fdat.ipo}
         if ipos != {"BASE"}:

@@ -23,7 +23,9 @@ from truepose.programs.krl.points import KrlJudge, Numbers, PointVariable, conce
 from truepose.programs.krl.runs import Run
 from truepose.programs.krl.unreadable import assume_all_of
 
-_HOME: Final = re.compile(r"X?HOME\d*", re.I)
+_HOME: Final = re.compile(r"X?HOME[1-5]?", re.I)
+"""The home positions that every controller has in its ``$config.dat``."""
+_HOME_OF_USER: Final = re.compile(r"X?HOME\d*", re.I)
 
 
 def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
@@ -36,6 +38,7 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     module = KrlModule(Source.read(src_path), None if dat_path is None else Source.read(dat_path), shared)
     module.read_dat()
     module.look_ahead()
+    module.forget_handed()
     module.read_src()
     _check_pair(module)
     return _program(path, [module], shared, frames)
@@ -118,9 +121,11 @@ def _read_modules(kinds: Sequence[Mapping[str, Path]], shared: Shared) -> list[K
         module.names.take_imports({m.name: m.names for m in modules})
         if module.src is not None:
             module.look_ahead()
-    for module in modules:
-        if module.src is not None:
-            module.read_src()
+    with_code = [module for module in modules if module.src is not None]
+    for module in with_code:
+        module.forget_handed()
+    for module in with_code:
+        module.read_src()
     return modules
 
 
@@ -152,7 +157,7 @@ def _check_pair(module: KrlModule) -> None:
     if module.dat is not None or module.src is None:
         return
     for variable in module.names.elsewhere.values():
-        if variable.moves and not _HOME.fullmatch(variable.name):
+        if variable.moves and not _HOME_OF_USER.fullmatch(variable.name):
             dat = module.src.path.with_suffix(".dat").name
             raise module.src.error(
                 variable.line, f"moves to {variable.name}, which no file at hand declares; put {dat} beside it"
@@ -161,7 +166,7 @@ def _check_pair(module: KrlModule) -> None:
 
 def _program(path: Path, modules: Sequence[KrlModule], shared: Shared, frames: KnownFrames) -> Program:
     """Judge the points of all modules, and put them in order."""
-    ambient = shared.flow.solve()
+    ambient = shared.solve()
     derived = shared.derivations.solve()
     shared.derivations.spoil(derived)
     whole = shared.project or shared.options.whole_task
@@ -186,13 +191,14 @@ def _program(path: Path, modules: Sequence[KrlModule], shared: Shared, frames: K
     runs: list[tuple[Sweep, Run]] = []
     own = [module for module in modules if module.src is not None and module.src.path not in shared.libraries]
     written = {module.src.path.name: module.src for module in own if module.src is not None}
+    has_config = any(module.name == "$CONFIG" for module in modules)
     for module in own:
         assert module.src is not None
         runs += _runs(module, module.src, judge)
         points += module.motions.others
     for variable in [*(v for module in own for v in _variables(module)), *shared.points.values()]:
         given = not variable.moves or variable.literals or id(variable) in of_variables
-        if not given and (point := _without_numbers(variable, written)):
+        if not given and (point := _without_numbers(variable, written, has_config=has_config)):
             of_variables[id(variable)] = point
     points += of_variables.values()
     computed = {one: point for m in modules if m.src is not None for one, point in m.motions.computed.items()}
@@ -280,12 +286,14 @@ def _variables(module: KrlModule) -> list[PointVariable]:
     return [*module.names.module.values(), *module.variables, *module.names.elsewhere.values()]
 
 
-def _without_numbers(variable: PointVariable, written: Mapping[str, Source]) -> Point | None:
+def _without_numbers(variable: PointVariable, written: Mapping[str, Source], *, has_config: bool) -> Point | None:
     """Return a point that no file gives numbers; None where only system modules move to it."""
     motions = [motion for motions in variable.moves.values() for motion in motions]
-    if _HOME.fullmatch(variable.name) and variable.origin == "nowhere":
+    if variable.origin == "nowhere" and _HOME.fullmatch(variable.name) and not has_config:
         reason = "joint target of $config.dat"
-    elif variable.origin in ("nowhere", "import"):
+    elif variable.origin == "nowhere":
+        reason = "not defined in the files at hand"
+    elif variable.origin == "import":
         reason = "declared in another module"
     else:
         reason = "its value is known at run time only"

@@ -42,6 +42,13 @@ class KrlStatements:
             if at_any_time:
                 self._known.derivations.distrust(name)
 
+    def distrust(self, data: bytes, start: int, end: int) -> None:
+        """Note that code may change what it names at any time from here on."""
+        self.hand_over(data, start, end, at_any_time=True)
+        for m in IDENTIFIER.finditer(data, start, end):
+            if m[1] is not None and (variable := self._names.find(m[1].decode().upper())) is not None:
+                self._known.derivations.distrust(self._known.name(variable, None if variable.array else ()))
+
     def _named(self, data: bytes, start: int, end: int) -> Iterator[Name]:
         for m in IDENTIFIER.finditer(data, start, end):
             word = m[1].decode().upper() if m[1] is not None else ""
@@ -74,6 +81,9 @@ class KrlStatements:
         if variable is None:
             return self._assign_number(source, word, m, end, line, place)
         index, known = element(variable, m[1]), self._known
+        if variable.parameter:  # what it gets may be for the caller
+            known.derivations.assign(known.name(variable, index), UNKNOWN, place, point=True)
+            return False
         private = whole or not (variable.is_global or variable.is_public or variable.origin in ("nowhere", "import"))
         right = expression(source, m.end(), end, line, self._resolver, known) if private else None
         if index is None:
@@ -101,6 +111,8 @@ class KrlStatements:
             number.handed = True
             return False
         right = expression(source, m.end(), end, line, self._resolver, self._known)
+        if right is not None and self._known.points_in(right):
+            right = None
         self._known.assign_number(number, right, place)
         return right is not None
 

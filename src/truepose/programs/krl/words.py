@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from typing import Final
 
+from truepose.programs.krl.builtins import READING, WRITING
+
 
 def _words(text: str) -> frozenset[str]:
     return frozenset(text.split())
@@ -24,14 +26,13 @@ OTHER_STATEMENTS: Final = _words(
     ASYSTOP ASYCONT ASYCANCEL CONFIRM SYNC NOT"""
 )
 """Statements whose word is followed by an operand and that are no motion."""
-KEEPS_FRAMES: Final = _words(
+READS: Final = READING | _words(
     """IF THEN ELSE WHILE UNTIL FOR TO STEP AND OR NOT EXOR B_AND B_OR B_EXOR B_NOT SWITCH CASE RETURN WAIT SEC DO WHEN
-    PRIO ABS SIN COS TAN ACOS ASIN ATAN ATAN2 SQRT INV_POS FORWARD INVERSE COPEN CCLOSE CREAD CWRITE CIOCTL SREAD SWRITE
-    CAST_TO CAST_FROM EOF PULSE STRADD STRCLEAR STRCOMP STRCOPY STRDECLLEN STRFIND STRLEN STRTOBOOL STRTOINT STRTOREAL
-    STRTOFRAME STRTOPOS STRTOAXIS STRTOE6POS STRTOE6AXIS VARSTATE VARTYPE FRAND TIMER EXISTS_KRLMSG EXISTS_KRLDLG
-    SET_KRLMSG SET_KRLDLG CLEAR_KRLMSG MSGNOTIFY MSGQUIT MSGSTATE MSGDIALOG MSGLOG IR_STOPM"""
+    PRIO"""
 )
-"""Words before a parenthesis that leave tool and base unchanged: the language's own, and common messages."""
+"""Words before a parenthesis that change nothing: the language's own, and functions that read at most."""
+KEEPS_FRAMES: Final = READS | WRITING
+"""Words before a parenthesis that leave tool and base unchanged."""
 
 IDENTIFIER: Final = re.compile(
     rb"\"[^\"]*+\"|'[^'\r\n]*+'|#[ \t]*+\w+|\.[ \t]*+[A-Za-z_]\w*+"
@@ -42,8 +43,12 @@ STRAY_MOTION: Final = re.compile(
     rb"\"[^\"]*+\"|(?<![\w$#.'])(S?(?:PTP|LIN|CIRC)(?:_REL)?|SPL(?:_REL)?)(?=[ \t]*\{|[ \t]+[A-Za-z_$])", re.I
 )
 """A motion word before an operand."""
-FRAME_CHANGE: Final = re.compile(rb"\$(?:TOOL|BASE)\b[ \t]*(?:\.[ \t]*\w+[ \t]*)?=(?!=)", re.I)
-"""$TOOL or $BASE set inside another statement."""
+STATE: Final = re.compile(rb"(?<![\w$])(?:\$(?:TOOL|BASE|IPO_MODE)|FDAT_ACT|(TOOL|BASE)_DATA)(?![\w$])", re.I)
+"""What decides in which tool and base a motion is; the first group names a table of frames."""
+STATE_CHANGE: Final = re.compile(
+    STATE.pattern + rb"(?=[ \t]*+(?:\[[^\]]*+\][ \t]*+)?+(?:\.[ \t]*+\w++[ \t]*+)?+=(?!=))", re.I
+)
+"""The same, set inside another statement."""
 WORLD_CHANGE: Final = re.compile(rb"\$(?:ROBROOT|WORLD)\b[ \t]*(?:\.[ \t]*\w+[ \t]*)?=(?!=)", re.I)
 """$ROBROOT or $WORLD set inside another statement."""
 APPROACH: Final = re.compile(rb"(?:(?:[ \t]++|(?<=\}))C_(?:PTP|DIS|VEL|ORI|SPL)\b)+[ \t]*\Z", re.I)
