@@ -79,7 +79,7 @@ def read_sections(source: Source) -> Sections:
         elif section == b"MN":
             _add_main(instructions, source, first, border)
     if b"PROG" not in seen:
-        error = FileError if seen else NotAProgramError  # a log has no section
+        error = FileError if seen or b"\0" in data else NotAProgramError  # a log has no section
         raise error(source.path, "has no /PROG: it is not a FANUC program in text form (.ls)")
     if b"END" not in seen:
         raise FileError(source.path, "has no /END: the file is truncated")
