@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from truepose._io import zips
 from truepose._io.commits import recover
+from truepose._io.files import read_bytes
 from truepose.errors import FileError
+
+_LARGEST_BLANK: Final = 16  # [bytes]
 
 
 class Found(NamedTuple):
@@ -60,6 +63,15 @@ def files_within(path: Path, *, unpack: bool = True) -> Found:
             else:
                 files.append(file)
     return Found(sorted(files, key=_order), told)
+
+
+def is_blank(path: Path) -> bool:
+    """Return whether a file is empty but for blanks, line ends and a byte-order mark."""
+    try:
+        size = path.stat().st_size if zips.on_disk(path) == path else zips.member_size(path)
+        return size <= _LARGEST_BLANK and not read_bytes(path).removeprefix(b"\xef\xbb\xbf").strip()
+    except (OSError, FileError):
+        return False  # reading it will give the reason
 
 
 def _order(file: Path) -> tuple[tuple[bool, str], ...]:

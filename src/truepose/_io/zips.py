@@ -89,6 +89,15 @@ def read_member(path: Path, largest: int) -> bytes | None:
     return _read(outer, path.relative_to(outer).as_posix(), path, largest)
 
 
+def member_size(path: Path) -> int:
+    """Return the size of a member in bytes, by a path that leads into a .zip."""
+    outer = on_disk(path)
+    place, inner = _split(outer, path.relative_to(outer).as_posix())
+    if (info := directory(place).members.get(inner)) is None:
+        raise FileError(path, "no such file")
+    return info.file_size
+
+
 def directory(path: Path) -> Directory:
     """Return the directory of a .zip, which may lie in another one; a FileError says why it is refused."""
     outer = on_disk(path)
@@ -294,6 +303,8 @@ def _check_sizes(infos: list[zipfile.ZipInfo], path: Path, size: int, start: int
         if info.file_size > max(_SMALL, _LARGEST_RATIO * info.compress_size):
             what = f"{info.filename} would unpack from {info.compress_size} to {info.file_size} bytes"
             raise FileError(path, f"{what}, more than {_LARGEST_RATIO} times its size: no file of a controller")
+    if not infos:
+        raise FileError(path, "is empty: it holds no file")
     total = sum(info.file_size for info in infos)
     if total > min(LARGEST_UNPACKED, max(_SMALL, _LARGEST_RATIO * size)):
         raise FileError(path, f"would unpack from {size} to {total} bytes: no backup of a controller")

@@ -219,7 +219,7 @@ def check(
     as_json: Json = False,
 ) -> None:
     """List which targets of programs can be corrected and which cannot, with the reason; needs no map."""
-    from truepose.cli.verdicts import say_total, show_backups, show_checked, show_missing, show_options
+    from truepose.cli.verdicts import say_total, show_backups, show_checked, show_left_out, show_missing, show_options
     from truepose.programs import Coverage, read_programs
     from truepose.programs.listing import write_checked
     from truepose.programs.used_frames import by_controller, missing_lines
@@ -245,10 +245,12 @@ def check(
                 "missing_frames": [line for rows in used for line in missing_lines(rows)],
                 **({} if no_targets else {"targets": [t.to_dict() for one in found.programs for t in one.targets]}),
                 "unreadable": [str(error) for error in found.unreadable],
+                "left_out": found.left_out,
             }
         )
     else:
         show_backups(found.backups)
+        show_left_out(found.left_out)
         for program in found.programs:
             show_checked(program)
         for rows in used:

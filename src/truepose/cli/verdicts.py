@@ -43,6 +43,16 @@ def show_backups(backups: Sequence[Backup]) -> None:
             say(escape(warning))
 
 
+def show_left_out(texts: Sequence[str]) -> None:
+    """Name what is no program, although its ending is that of one."""
+    from rich.markup import escape
+
+    for text in texts[:_WARNINGS]:
+        say(escape(text))
+    if len(texts) > _WARNINGS:
+        say(f"{len(texts) - _WARNINGS} more files are left out")
+
+
 def show_checked(program: Program) -> None:
     """Show the counts of a program, or of each module of a project, and why targets are not corrected."""
     import numpy as np

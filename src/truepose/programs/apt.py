@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from truepose.errors import FileError
 from truepose.programs.core.held import leave_held
 from truepose.programs.core.points import (
     AS_MEASURED,
@@ -24,7 +23,7 @@ from truepose.programs.core.points import (
 )
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.reader import Reader
-from truepose.programs.core.source import Source
+from truepose.programs.core.source import NotAProgramError, Source
 
 _STATEMENT = re.compile(rb"\s*([A-Z]\w*)[ \t]*(?:/|$|\s)", re.I)
 _GOTO: Final = ("GOTO", "FROM")
@@ -84,7 +83,7 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
         elif word in _CHANGES and not changed and words[:1] not in (["OFF"], ["NOMORE"]):
             changed = f"{word} (line {line})"
     if not points:
-        raise FileError(path, "has no GOTO: it is no APT or CL data")
+        raise NotAProgramError(path, "has no GOTO: it is no APT or CL data")
     if options.orientation:
         leave_held(points)
     rule = options.angles if options.angles in _RULES else "z"

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from truepose.errors import FileError
 from truepose.programs.core.held import leave_held
 from truepose.programs.core.points import AS_MEASURED, NOT_HERE, Frame, Point, Problem, Use
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions, frame_key
 from truepose.programs.core.reader import Reader
-from truepose.programs.core.source import Source, Span, is_broken, parse_number
+from truepose.programs.core.source import NotAProgramError, Source, Span, is_broken, parse_number
 
 _NUMBER = rb"[+-]?+(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)"
 _EXPONENT = rb"[EeDd][+-]?+[0-9]*+"
@@ -99,7 +98,7 @@ class _Reader(Reader):
             self._line(line, start, end)
         self._follow_returns()
         if not self._words:
-            raise FileError(self.source.path, "has no word such as G1 or M30: it is no G-code")
+            raise NotAProgramError(self.source.path, "has no word such as G1 or M30: it is no G-code")
         if self.options.orientation:
             leave_held(self.points)
         for point in self.points:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from truepose._io.folders import is_blank
 from truepose.programs.core.program import Program, ReadOptions
 
 KRL: Final = (".src", ".dat")
+_OF_PROJECTS: Final = (".installation", ".pjx", ".tp")
+"""Endings of files that tell a backup from a folder of programs."""
 RAPID: Final = (".mod", ".prg", ".sys", ".modx", ".sysx")
 
 
@@ -49,6 +52,19 @@ LANGUAGES: Final = {
 def language_of(path: Path) -> str:
     """Return the name of the language of a file, by its ending; empty where the ending is not known."""
     return next((name for name, language in LANGUAGES.items() if path.suffix.lower() in language.endings), "")
+
+
+def without_blank(files: Iterable[Path]) -> tuple[list[Path], list[str]]:
+    """Return files without those of programs and projects that are empty, which are named; those of KRL may be."""
+    kept, told = [], []
+    for file in files:
+        ending = file.suffix.lower()
+        counts = ending in _OF_PROJECTS or language_of(file) not in ("", "krl")
+        if counts and is_blank(file):
+            told.append(f"{file}: is empty and is left out")
+        else:
+            kept.append(file)
+    return kept, told
 
 
 def all_endings() -> str:

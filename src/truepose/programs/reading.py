@@ -14,15 +14,16 @@ from typing import Any, Final
 
 from truepose._io.files import check_regular, note_read, path_exists, reads_noted, recover
 from truepose._io.folders import files_within
-from truepose._io.zips import is_zip, on_disk
+from truepose._io.zips import is_zip, nested_within, on_disk
 from truepose.errors import FileError, TrueposeError
 from truepose.numerics.executor import AHEAD, Executor, Inputs, Task, run_in_order
 from truepose.programs.backups.backup import Backup, Controller, find_backup
 from truepose.programs.backups.reading import TASK, chosen, read_controllers, read_rapid_tasks
 from truepose.programs.backups.yaskawa import jobs_beside
 from truepose.programs.core.program import Program, ReadOptions
+from truepose.programs.core.source import NotAProgramError
 from truepose.programs.frame_table import FrameTable
-from truepose.programs.languages import KRL, LANGUAGES, RAPID, again_by, all_endings, language_of
+from truepose.programs.languages import KRL, LANGUAGES, RAPID, again_by, all_endings, language_of, without_blank
 from truepose.programs.robot_base import standing
 
 _REFUSED: Final = {
@@ -45,11 +46,15 @@ class Reading:
         The errors of the others.
     backups : list of Backup
         The backups of controllers among the folders and .zip files.
+    left_out : list of str
+        What in a folder is no program, although its ending is that of one: logs, includes, empty files; and what is no
+        .zip that can be read.
     """
 
     programs: list[Program]
     unreadable: list[FileError]
     backups: list[Backup] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
 
 
 def read_program(path: str | Path, frames: FrameTable | None = None, options: ReadOptions | None = None) -> Program:
@@ -190,12 +195,16 @@ def read_chosen(
         for more in islice(others, len(one.others)):
             one.programs.extend(more.programs)
             one.unreadable.extend(more.unreadable)
+            one.left_out.extend(more.left_out)
         if one.folder is not None:
             one.programs[:] = [replace(program, place=places[one.folder]) for program in one.programs]
+    errors = [error for one in found for error in one.unreadable]
+    none = [error for error in errors if isinstance(error, NotAProgramError) and error.path not in given]
     return Reading(
         [program for one in found for program in one.programs],
-        [error for one in found for error in one.unreadable],
+        [error for error in errors if error not in none],
         [backup for one in found for backup in one.backups],
+        [*(text for one in found for text in one.left_out), *(f"{error}; it is left out" for error in none)],
     )
 
 
@@ -208,6 +217,7 @@ class _Found:
     backups: list[Backup] = field(default_factory=list)
     folder: Path | None = None
     others: list[Path] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
 
     def take(self, read: Callable[[], list[Program]]) -> None:
         """Add programs, or the error that says why they cannot be read."""
@@ -289,7 +299,7 @@ def _folder(
         found.backups.append(backup)
         found.unreadable += errors if len(wanted) < len(backup.controllers) else [*backup.unreadable, *errors]
         return found
-    krl, rapid, found.others = _members(path)
+    krl, rapid, found.others, found.left_out = _members(path)
     if krl:
         found.take(partial(_project, path, krl, frames, options))
     if rapid:
@@ -343,9 +353,10 @@ def _read_project(folder: Path, files: list[Path], frames: FrameTable, options: 
     return read_project(folder, files, frames.with_config_dat(configs[0]) if configs else frames, options)
 
 
-def _members(folder: Path) -> tuple[list[Path], list[Path], list[Path]]:
-    """Return the KRL and RAPID files of a folder, and its other programs."""
-    found = files_within(folder, unpack=False).files
+def _members(folder: Path) -> tuple[list[Path], list[Path], list[Path], list[str]]:
+    """Return the KRL and RAPID files of a folder, its other programs, and what is left out."""
+    found, told = without_blank(files_within(folder, unpack=False).files)
+    told += [text for file in found if is_zip(file) for text in nested_within(file)[1]]
     endings = {file: file.suffix.lower() for file in found}
     sources = {file.stem.lower() for file in found if endings[file] == ".src"}
     krl = [
@@ -359,7 +370,7 @@ def _members(folder: Path) -> tuple[list[Path], list[Path], list[Path]]:
         others = [f for f in found if endings[f] == ".csv" and ".corrections." not in f.name]
     if not (krl or rapid or others):
         raise FileError(folder, f"holds no robot program; known endings: {all_endings()}")
-    return krl, rapid, others
+    return krl, rapid, others, told
 
 
 def _is_data_list(file: Path) -> bool:

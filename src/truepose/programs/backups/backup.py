@@ -14,7 +14,7 @@ from truepose._io.folders import files_within
 from truepose._io.zips import check_names, is_zip
 from truepose.errors import FileError
 from truepose.programs.backups.controller import FORMATS, BackupFormat, Contents, StoredFrames
-from truepose.programs.languages import LANGUAGES, language_of
+from truepose.programs.languages import LANGUAGES, language_of, without_blank
 
 _SHOWN = 3  # files that a message names
 
@@ -137,6 +137,7 @@ def find_backup(path: Path) -> Backup | None:
         If the folder cannot be read, the .zip is refused, or it holds no controller.
     """
     files, warnings = files_within(path)
+    files, blank = without_blank(files)
     formats = {maker: format_of(maker) for maker in FORMATS}
     roots = [(root, maker) for maker, module in formats.items() for root in module.roots(files)]
     if not roots:
@@ -152,7 +153,11 @@ def find_backup(path: Path) -> Backup | None:
         except FileError as error:
             unreadable.append(error)
     named = {file for one in controllers for file in one.contents.others}
-    told = [*warnings, *_outside(path, [root for root, _ in roots], [file for file in files if file not in named])]
+    told = [
+        *warnings,
+        *blank,
+        *_outside(path, [root for root, _ in roots], [file for file in files if file not in named]),
+    ]
     return Backup(path, tuple(controllers), tuple(files), tuple(unreadable), tuple(told))
 
 

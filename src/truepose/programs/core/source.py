@@ -27,6 +27,11 @@ import numpy as np
 from truepose._io import files
 from truepose.errors import FileError, RefusedError
 
+
+class NotAProgramError(FileError):
+    """An error of a file that has the ending of programs and holds none: a log, an include, data without a value."""
+
+
 Span = tuple[int, int]
 NUMBER: Final = rb"[+-]?+(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)(?:[eE][+-]?+[0-9]++)?+(?![\w.])"
 """Pattern of a number without adhering characters: `1.2.3` does not match."""

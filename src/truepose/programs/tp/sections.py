@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from truepose.errors import FileError
 from truepose.programs.core.forms import Lines, RunFinder
 from truepose.programs.core.reader import Instruction
-from truepose.programs.core.source import Source
+from truepose.programs.core.source import NotAProgramError, Source
 from truepose.programs.tp.positions import NAME
 from truepose.programs.tp.words import check_header
 
@@ -79,7 +79,8 @@ def read_sections(source: Source) -> Sections:
         elif section == b"MN":
             _add_main(instructions, source, first, border)
     if b"PROG" not in seen:
-        raise FileError(source.path, "has no /PROG: it is not a FANUC program in text form (.ls)")
+        error = FileError if seen or b"\0" in data else NotAProgramError  # a log has no section
+        raise error(source.path, "has no /PROG: it is not a FANUC program in text form (.ls)")
     if b"END" not in seen:
         raise FileError(source.path, "has no /END: the file is truncated")
     return Sections(instructions, min(start, end), end, tracked, groups)

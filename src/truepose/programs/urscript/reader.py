@@ -15,7 +15,6 @@ from typing import Final, NamedTuple
 from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray
-from truepose.errors import FileError
 from truepose.geometry import invert_transform
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import InForce, State
@@ -37,7 +36,7 @@ from truepose.programs.core.points import (
 )
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions, frame_key
 from truepose.programs.core.reader import Reader
-from truepose.programs.core.source import Source, Span, shown
+from truepose.programs.core.source import NotAProgramError, Source, Span, shown
 from truepose.programs.urscript.declarations import Declarations
 from truepose.programs.urscript.poses import (
     INVERSE,
@@ -124,7 +123,7 @@ class _Reader(Reader):
     def read(self) -> Program:
         routines = self._routines.bodies
         if not any(MOTION.search(s.code) for body in routines.values() for s in body) and not any(routines):
-            raise FileError(self.source.path, "has neither a def nor a motion: it is no URScript")
+            raise NotAProgramError(self.source.path, "has neither a def nor a motion: it is no URScript")
         called = self._routines.called()
         for name, body in routines.items():
             self._routines.current = name

@@ -17,7 +17,7 @@ from truepose._typing import IntArray
 from truepose.errors import FileError
 from truepose.programs.core.forms import NUMBER, Lines, RunFinder
 from truepose.programs.core.points import NOT_HERE, numbers_at
-from truepose.programs.core.source import Source, Span
+from truepose.programs.core.source import NotAProgramError, Source, Span
 
 KEYS: Final = ("x", "y", "z", "rx", "ry", "rz")
 JOINT_KEYS: Final = ("j1", "j2", "j3", "j4", "j5", "j6")
@@ -173,7 +173,7 @@ class _Parser:
                 raise
             raise FileError(source.path, "has an encoding that is not known; save it as UTF-8") from None
         if not self._declared:
-            raise FileError(source.path, "has no <Data>: it is not a VAL3 data file")
+            raise NotAProgramError(source.path, "has no <Data>: it is not a VAL3 data file")
         return DataFile(self._found, self._declared)
 
     def _runs(self) -> Iterator[Lines]:
