@@ -18,7 +18,7 @@ import json
 import os
 import sys
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from mutation.killing import Outcome, Result, failing, kill
@@ -37,7 +37,7 @@ def chosen(settings: Settings, seed: int, number: int) -> list[Mutant]:
     return sample(wanted, sources, seed, number)
 
 
-def run(settings: Settings, changes: list[Mutant], jobs: int, again: set[str]) -> None:
+def run(settings: Settings, changes: list[Mutant], jobs: int, again: set[str], *, second_tier: bool) -> None:
     """Run the tests that reach each change, unless its result is known."""
     known = {key: one for key, one in results(settings).items() if one.outcome not in again}
     reviewed = [(one, reason) for one in changes if (reason := equivalent(settings, one)) is not None]
@@ -54,7 +54,10 @@ def run(settings: Settings, changes: list[Mutant], jobs: int, again: set[str]) -
 
     _write(settings, known.values())
     if left:
-        kill(settings, left, recorded(settings), jobs, done)
+        tests = recorded(settings)
+        if not second_tier:
+            tests = [replace(test, grows=False) for test in tests if not test.second]
+        kill(settings, left, tests, jobs, done)
         _check(settings, [known[one.key] for one in left])
 
 
@@ -63,7 +66,8 @@ def _check(settings: Settings, found: list[Result]) -> None:
     wrong: list[str] = []
     for outcome in ("default", "complete"):
         by = {one.by for one in found if one.outcome == outcome}
-        wrong += failing(settings, [test for test in recorded(settings) if test.id in by], second=outcome == "complete")
+        killers = [test for test in recorded(settings) if test.id in by]
+        wrong += failing(settings, killers, second=outcome == "complete") if killers else []
     if wrong:
         leave_out(settings, [name for name in wrong if "::" in name and not name.endswith(")")])
         _write(settings, [one for one in results(settings).values() if one.by not in wrong])
@@ -139,7 +143,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1, help="of the sample; default: 1")
     parser.add_argument("--number", type=int, default=120, help="size of the sample; default: 120")
     parser.add_argument("--jobs", "-j", type=int, default=os.cpu_count() or 1, help="processes; default: all")
-    parser.add_argument("--tier", choices=["default", "all"], default="all", help="of 'record'; default: all")
+    parser.add_argument("--tier", choices=["default", "all"], default="all", help="which tests count; default: all")
     parser.add_argument(
         "--again", nargs="*", default=[], help="outcomes to be tried again: survived, complete, unreached, default"
     )
@@ -150,7 +154,7 @@ def main() -> int:
         return record(settings, [*workers, *rest], second_tier=arguments.tier == "all")
     changes = chosen(settings, arguments.seed, arguments.number)
     if arguments.command == "run":
-        run(settings, changes, arguments.jobs, set(arguments.again))
+        run(settings, changes, arguments.jobs, set(arguments.again), second_tier=arguments.tier == "all")
     print(table(changes, results(settings)))
     for one in unknown(settings):
         print(f"{arguments.settings.name}: {one.file} has no such change any more: {one.line} -> {one.becomes}")

@@ -13,7 +13,7 @@ import truepose as tp
 from truepose._io import archive
 from truepose.cli import app
 from truepose.compensation import BELOW
-from truepose.error_map.worth import FEW, LeftOut, worth
+from truepose.error_map.worth import FEW, LeftOut, Worth, worth
 from truepose.errors import RefusedError
 from truepose.geometry import make_transform
 from truepose.samples import write_samples
@@ -99,6 +99,12 @@ def test_a_map_is_weak_unless_both_intervals_are_above_zero(over_nothing, over_r
     lengths = [left + spread + share * half for share in (over_nothing, over_registration)]
     found = worth(p, along_x(lengths[0]), lambda _: LeftOut(along_x(left), along_x(lengths[1])))
     assert found.weak == (min(over_nothing, over_registration) < 1.0)
+    assert ("not better than none beyond its interval" in found.words) == found.weak
+    assert found.brief.startswith(
+        "weak map, not shown to be better" if found.weak else "better than none: 20.000 mm left"
+    )
+    assert Worth.from_dict(found.to_dict()) == found
+    assert found.to_dict()["weak"] == found.weak
 
 
 @pytest.mark.parametrize("n", [4, 5])
@@ -116,6 +122,8 @@ def test_a_block_that_cannot_be_left_out_leaves_a_weak_map():
     found = worth(np.random.default_rng(0).uniform(size=(9, 3)), along_x(np.ones(9)), without)
     assert found.weak
     assert found.note == "without a block of samples it cannot be fitted (no)"
+    assert found.words == f"nothing shows that the map is better than none: {found.note}"
+    assert found.brief == f"weak map: {found.note}"
 
 
 @pytest.mark.promise("Registration alone, or nothing but noise, never makes a map that is used unasked.")

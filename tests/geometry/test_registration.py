@@ -21,8 +21,10 @@ from truepose.geometry import (
     invert_transform,
     make_transform,
     register,
+    register_known,
     register_with_tool,
 )
+from truepose.geometry.robust import OUTLIER_LIMIT, robust_scale
 from truepose.robots import load_robot
 
 
@@ -369,3 +371,33 @@ def test_repr_and_dict(rng):
     with_tool = register_with_tool(flange, apply_transform(flange, np.array([10.0, 20.0, 150.0])))
     assert "no outliers" in repr(with_tool)
     assert "tool at (10.000, 20.000, 150.000) mm" in repr(with_tool)
+
+
+@pytest.mark.parametrize("share", [0.99, 1.01])
+@pytest.mark.parametrize("robust", [True, False])
+def test_a_stated_station_marks_readings_beyond_the_limit(share: float, robust: bool) -> None:
+    """Nothing is fitted: residuals of 0.1 mm, and one 1 % to either side of the limit for outliers."""
+    rng = np.random.default_rng(0)
+    tf = make_transform(Rotation.from_rotvec([0.1, -0.2, 0.3]), [100.0, 200.0, 300.0])
+    commanded = rng.uniform(-500.0, 500.0, (20, 3))
+    off = 0.1 * np.eye(3)[np.arange(20) % 3]
+    size = share * OUTLIER_LIMIT * robust_scale(np.full(20, 0.1), 3, 0.0)
+    off[4] *= size / 0.1
+    reading = apply_transform(invert_transform(tf), commanded + off)
+    found = register_known(tf, commanded, reading, robust=robust)
+    assert np.flatnonzero(found.outliers).tolist() == ([4] if robust and share > 1.0 else [])
+    np.testing.assert_allclose(found.residuals, off, atol=1e-9)
+    np.testing.assert_array_equal(found.tf_base_tracker, tf)
+    assert not found.covariance.any()
+    kept = np.linalg.norm(off, axis=1)[~found.outliers]
+    assert found.noise_std == pytest.approx(np.sqrt(np.mean(kept**2) / 3.0))
+    assert found.hint == ""  # one of 20 is not many
+
+
+def test_a_stated_station_needs_three_readings_of_as_many_positions() -> None:
+    p = np.eye(3)
+    assert register_known(np.eye(4), p, p).noise_std == 0.0
+    with pytest.raises(DataError, match="2 readings are too few to register; expected at least 3"):
+        register_known(np.eye(4), p[:2], p[:2])
+    with pytest.raises(DataError, match="3 commanded and 2 measured positions"):
+        register_known(np.eye(4), p, p[:2])

@@ -32,6 +32,8 @@ Outcome = Literal["default", "complete", "survived", "unreached", "equivalent"]
 _LIMIT = 60.0
 """Seconds that a test may take in addition to ten times its usual time."""
 _COLLECTING = 300.0
+_QUICK, _FIRST = 0.5, 20
+"""Seconds of a quick test, and the number of those of a file that run before all others."""
 
 
 @dataclass(frozen=True)
@@ -81,10 +83,13 @@ def reaching(mutant: Mutant, tests: Iterable[RecordedTest]) -> list[RecordedTest
     return [test for test in tests if any(name.startswith(f"{mutant.file}:") for name in test.functions)]
 
 
-def in_order(changed: str, tests: list[RecordedTest]) -> dict[str, list[str]]:
-    """Return tests by file: those of the changed file's room first, and of the same name; then the quickest."""
+def in_order(changed: str, tests: list[RecordedTest]) -> list[tuple[str, list[str]]]:
+    """Return tests by file: first the quick ones of each, then the others.
+
+    Files of the changed file's room are first, and those of its name; then those whose tests take the least time.
+    """
     files: dict[str, list[RecordedTest]] = defaultdict(list)
-    for test in tests:
+    for test in sorted(tests, key=lambda test: test.seconds):
         files[test.file].append(test)
     name = f"test_{Path(changed).stem}.py"
 
@@ -92,8 +97,12 @@ def in_order(changed: str, tests: list[RecordedTest]) -> dict[str, list[str]]:
         own = is_own(changed, file)
         return not own, Path(file).name != name, sum(test.seconds for test in files[file])
 
-    quick = {file: sorted(files[file], key=lambda test: test.seconds) for file in sorted(files, key=rank)}
-    return {file: [test.id for test in some] for file, some in quick.items()}
+    ranked = sorted(files, key=rank)
+    quick = {file: sum(test.seconds < _QUICK for test in files[file][:_FIRST]) for file in ranked}
+    turns = [(file, files[file][: quick[file]]) for file in ranked] + [
+        (file, files[file][quick[file] :]) for file in ranked
+    ]
+    return [(file, [test.id for test in some]) for file, some in turns if some]
 
 
 def is_own(file: str, test: str) -> bool:
@@ -105,6 +114,7 @@ def kill(
     settings: Settings, mutants: list[Mutant], tests: list[RecordedTest], jobs: int, done: Callable[[Result], None]
 ) -> None:
     """Run the tests that reach each mutant, and hand over each result."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # and end the processes
     _warm_up(settings)
     with tempfile.TemporaryDirectory(prefix="mutation-") as made:
         copies = [_Copy(settings, Path(made, str(k)), Path(made, "source")) for k in range(min(jobs, len(mutants)))]
@@ -168,7 +178,7 @@ class _Copy:
         """Undo a change."""
         shutil.copy2(self._settings.path(mutant.file), self._source / self._settings.package / mutant.file)
 
-    def start(self, tests: list[RecordedTest], wanted: dict[str, list[str]], *, second: bool, stop: bool) -> int:
+    def start(self, tests: list[RecordedTest], wanted: list[tuple[str, list[str]]], *, second: bool, stop: bool) -> int:
         """Run tests in the order of `wanted`, up to the first failure if `stop`; return the process."""
         self._state.write_text(json.dumps({"now": "the start", "failed": [], "ended": not tests}), "utf-8")
         pid = os.fork()
@@ -176,6 +186,7 @@ class _Copy:
             code = 3
             try:
                 os.setsid()
+                signal.signal(signal.SIGTERM, signal.SIG_DFL)
                 code = self._run(tests, wanted, second, stop) if tests else 0
             finally:
                 os._exit(code)
@@ -185,7 +196,7 @@ class _Copy:
     def _state(self) -> Path:
         return self._folder / "state.json"
 
-    def _run(self, tests: list[RecordedTest], wanted: dict[str, list[str]], second: bool, stop: bool) -> int:
+    def _run(self, tests: list[RecordedTest], wanted: list[tuple[str, list[str]]], second: bool, stop: bool) -> int:
         log = os.open(self._folder / "log.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         for stream in (1, 2):
             os.dup2(log, stream)
@@ -198,7 +209,7 @@ class _Copy:
         limits = {test.id: _LIMIT + 10.0 * test.seconds for test in tests}
         plugin = _InTurn(wanted, limits, self._state, stop)
         arguments = [*PYTEST, "--tb=short", "--basetemp", str(self._folder / "tmp"), "--hypothesis-seed=0"]
-        return int(pytest.main([*arguments, *wanted], plugins=[plugin]))
+        return int(pytest.main([*arguments, *{file for file, _ in wanted}], plugins=[plugin]))
 
     def failed(self, pid: int, status: int) -> list[str]:
         """Return the failed tests of a process that has ended, with the one that it was ended in."""
@@ -241,7 +252,7 @@ class _Running:
 class _InTurn:
     """The plugin that imports and runs one file of tests after the other."""
 
-    def __init__(self, wanted: dict[str, list[str]], limits: dict[str, float], state: Path, stop: bool) -> None:
+    def __init__(self, wanted: list[tuple[str, list[str]]], limits: dict[str, float], state: Path, stop: bool) -> None:
         self._wanted, self._limits, self._state, self._stop = wanted, limits, state, stop
         self._failed: list[str] = []
 
@@ -268,11 +279,14 @@ class _InTurn:
         return True
 
     def _items(self, session: pytest.Session) -> Iterator[pytest.Item]:
-        modules = {node.nodeid: node for node in session.perform_collect(list(self._wanted), genitems=False)}
-        for file, names in self._wanted.items():
+        files = list(dict.fromkeys(file for file, _ in self._wanted))
+        modules = {node.nodeid: node for node in session.perform_collect(files, genitems=False)}
+        found: dict[str, dict[str, pytest.Item]] = {}
+        for file, names in self._wanted:
             self._note(file, _COLLECTING)
-            found = {item.nodeid: item for item in session.genitems(modules[file])}  # imports the file
-            yield from (found[name] for name in names if name in found)
+            if file not in found:  # now it is imported
+                found[file] = {item.nodeid: item for item in session.genitems(modules[file])}
+            yield from (found[file][name] for name in names if name in found[file])
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
         if report.failed:

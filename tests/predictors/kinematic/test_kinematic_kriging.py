@@ -8,12 +8,13 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
 from truepose.errors import DataError, KrigingError
-from truepose.predictors.kinematic import KinematicKriging
+from truepose.predictors.kinematic import KinematicKriging, kriging
 from truepose.predictors.kinematic.basis import Basis
 from truepose.predictors.kinematic.basis_form import BasisForm, BasisSums, gradient_by_hyper, negative_log_likelihood
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.terms import Terms
+from truepose.predictors.kinematic.weights import robust_weights
 from truepose.robots import load_robot
 
 ROBOT = load_robot("kuka-kr210-r2700-extra")
@@ -394,19 +395,37 @@ def test_an_update_keeps_the_old_weights(robust):
     q, e = simulate(100, np.random.default_rng(22))
     e[70] += [0.0, 0.0, 2.0]
     old = np.where(np.arange(60) % 3 == 0, 0.7, 1.0)
-    old[5] = 0.02
+    old[5], old[7], old[8] = 0.02, 0.1, 0.099  # a weight of 0.1 is not yet one of a gross reading
     model = KinematicKriging(ROBOT, TOOL, robust=robust, hyper=hyper().to_dict(), weight=old).fit(q[:60], e[:60])
-    assert model.gross_.tolist() == [5]
-    model.update(q[60:], e[60:])
+    assert model.gross_.tolist() == [5, 8]
+    assert model.update(q[60:], e[60:]) is model
     np.testing.assert_array_equal(model.weight_[:60], old)
     fresh = model.weight_[60:]
-    assert model.gross_.tolist() == ([5, 70] if robust else [5])
+    assert model.gross_.tolist() == ([5, 8, 70] if robust else [5, 8])
     assert (fresh[10] < 0.1 and np.sum(fresh < 1.0) < 5) if robust else (fresh == 1.0).all()
     again = KinematicKriging(ROBOT, TOOL, hyper=hyper().to_dict(), weight=model.weight_).fit(q, e)
     np.testing.assert_allclose(model.predict(q), again.predict(q), rtol=1e-9, atol=1e-12)
     assert [row["name"] for row in model.parameters_] == [row["name"] for row in again.parameters_]
     estimates = [[row["estimate"] for row in one.parameters_] for one in (model, again)]
     np.testing.assert_allclose(*estimates, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize(("off", "rounds"), [(0.0, {1}), (2.0, {2, 3})])
+def test_robust_weights_of_an_update_end_when_they_settle(off, rounds, monkeypatch):
+    """At once without a gross reading; else when its weight no longer changes."""
+    q, e = simulate(80, np.random.default_rng(23))
+    e[70] += [0.0, 0.0, off]
+    model = KinematicKriging(ROBOT, TOOL, hyper=hyper().to_dict()).fit(q[:60], e[:60])
+    counted = []
+
+    def count(residual, covariance):
+        counted.append(len(residual))
+        return robust_weights(residual, covariance)
+
+    monkeypatch.setattr(kriging, "robust_weights", count)
+    model.update(q[60:], e[60:])
+    assert len(counted) in rounds
+    assert set(counted) == {80}
 
 
 def test_update_says_what_does_not_fit(fitted):
