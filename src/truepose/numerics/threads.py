@@ -34,19 +34,20 @@ _is_worker = False
 def cores() -> int:
     """Return how many processors this process may use: its CPU affinity and its container's limit count."""
     affinity = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(affinity, _container_limit(CGROUPS)))
+    limit = _container_limit(CGROUPS)
+    return max(1, affinity if limit is None else min(affinity, limit))
 
 
-def _container_limit(folder: Path) -> float:
-    """Return the processors that the control group of this process may use, rounded up; infinity without a limit."""
+def _container_limit(folder: Path) -> int | None:
+    """Return the processors that the control group of this process may use, rounded up; None without a limit."""
     try:
         if (current := folder / "cpu.max").exists():
             quota, period = current.read_text(encoding="ascii").split()
         else:  # the first version of control groups
             quota, period = ((folder / f"cpu/cpu.cfs_{name}_us").read_text(encoding="ascii") for name in _FIRST)
-        return math.ceil(int(quota) / int(period)) if int(quota) > 0 else math.inf
+        return math.ceil(int(quota) / int(period)) if int(quota) > 0 else None
     except (OSError, ValueError):  # no control group, or "max"
-        return math.inf
+        return None
 
 
 def threads() -> int:

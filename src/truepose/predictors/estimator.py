@@ -82,13 +82,14 @@ class Estimator:
         -----
         A column of y without variance counts as 1 if it is predicted exactly, else as 0.
         """
+        weights = None if sample_weight is None else np.asarray(sample_weight, dtype=np.float64)
         given = y, self.predict(X)  # type: ignore[attr-defined]  # the subclass's
-        measured, predicted = (np.asarray(one, dtype=np.float64).reshape(len(one), -1) for one in given)
+        measured, predicted = (np.atleast_2d(np.asarray(one, dtype=np.float64).T).T for one in given)
         if predicted.shape != measured.shape:
             raise DataError(f"expected y of shape {predicted.shape}, got {measured.shape}")
         left, total = (
-            np.average((measured - centre) ** 2, axis=0, weights=sample_weight)
-            for centre in (predicted, np.average(measured, axis=0, weights=sample_weight))
+            np.average((measured - centre) ** 2, axis=0, weights=weights)
+            for centre in (predicted, np.average(measured, axis=0, weights=weights))
         )
         constant = np.where(left == 0, 1.0, 0.0)  # a column without variance
         return float(np.mean(1.0 - np.divide(left, total, out=1.0 - constant, where=total != 0)))

@@ -131,7 +131,7 @@ def to_html(made: Document) -> str:
     script = _resource("view.js") if interactive else ""
     allowed = base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii") if script else ""
     font = fonts.embedded(made.text())
-    return environment.get_template("report.html").render(
+    page: str = environment.get_template("report.html").render(
         made=made.to_dict(),
         font=font,
         family=fonts.FAMILY,
@@ -140,6 +140,7 @@ def to_html(made: Document) -> str:
         script=script,
         allowed=allowed,
     )
+    return page
 
 
 def to_pdf(made: Document, date: datetime, path: str | Path = "report.pdf") -> bytes:

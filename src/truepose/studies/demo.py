@@ -94,15 +94,16 @@ def run_demo(
     verified = verify_program(error_map, corrected_path, after, cell=cell, before=before)
 
     progress("Writing the report")
-    report: Path | None = directory / "report.html"
+    report = directory / "report.html"
     sidecar = directory / "corrected" / f"{source.stem}.corrections.json"
     try:
         from truepose.report import write_report
 
         write_report(error_map, report, held_out, sidecars=[sidecar], verifications=[verified], study=study)
+        written: Path | None = report
     except MissingPackageError as error:
         warnings.warn(f"the demonstration goes on without a report: {error}", UserWarning, stacklevel=2)
-        report = None
+        written = None
     return {
         "preset": preset,
         "seed": seed,
@@ -118,7 +119,7 @@ def run_demo(
         "noise_floor_mm": virtual.noise_floor,
         "remeasured": remeasured,
         "verification": verified.sentences()[0],
-        "report": report,
+        "report": written,
         "program": corrected_path,
     }
 
