@@ -50,11 +50,17 @@ class Graph(NamedTuple):
 
 @dataclass(slots=True)
 class Part:
-    """Nodes that control may enter from anywhere, and those in `returns` where it goes back."""
+    """Nodes that control may enter from anywhere, and those in `returns` where it goes back.
+
+    `handles`: whether it is the handler of the errors of `routine`; `raises`: whether it hands them on to the caller.
+    """
 
     first: int
     last: int = -1
     returns: list[int] = field(default_factory=list)
+    routine: str = ""
+    handles: bool = False
+    raises: bool = False
 
 
 class Ways:
