@@ -70,6 +70,9 @@ class RapidModule:
         self.name = next(map(_module_name, heads), "")
         if not self.name:
             raise FileError(source.path, "has no MODULE: it is no RAPID module")
+        for piece in self._pieces:
+            if isinstance(piece, list) and (alias := _without_scope(piece))[0].text == "ALIAS" and len(alias) == 3:
+                task.aliases[alias[2].text] = alias[1].text
         self._names = ModuleNames(source, task)
         self._open: list[tuple[str, int]] = []
         self._conditions: list[list[Token]] = []
@@ -248,7 +251,7 @@ class RapidModule:
         name = _routine_name(head)
         routine = self._names.find_routine(name)
         assert routine is not None  # it was declared
-        self._key = routine.key
+        self._key = self._names.routine = routine.key
         # in a whole task, what nothing calls is a start
         outside = routine.key == "MAIN" or (not self._task.whole and ":" not in routine.key)
         self._flow.begin_routine(routine.key, outside=outside)
@@ -370,10 +373,10 @@ class RapidModule:
             end = max(k for k, token in enumerate(statement) if token.text == "%")
             by_name, arguments = statement[1:end], syntax.arguments(statement[end + 1 :])
         positional = [a.tokens for a in arguments if not a.name]
-        like_motion = self._motions.unknown(statement, positional, line)
         how = f"passed to {self._names.shown([statement[0]])}"
         named = any(len(t) == 1 and self._names.find(t[0].text) is not None for t in positional)
         routine = None if late or statement[0].kind != "word" else self._names.find_routine(name)
+        like_motion = self._motions.unknown(statement, positional, line, known=routine is not None)
         if routine is None:
             self._names.read_by(statement[1:], line, how if named else "read")
         else:
@@ -470,7 +473,7 @@ class RapidModule:
         local, shared = first == "LOCAL", first == "PERS"
         if len(statement) < 3 or statement[0].text not in DATA or statement[2].kind != "word":
             return
-        kind, type_, name = statement[0].text, statement[1].text, statement[2].text
+        kind, type_, name = statement[0].text, self._task.type_of(statement[1].text), statement[2].text
         inner = self._routine() if inner is None else inner
         scope = self._names.inner if inner else self._names.own if local else self._task.scope
         line = self.source.line(statement[0].start)

@@ -57,13 +57,16 @@ class RapidMotionReader:
             self._move(point, use)
         return bool(found)
 
-    def unknown(self, statement: list[Token], positional: list[list[Token]], line: int) -> bool:
-        """Refuse an instruction that looks like a motion; return whether it does."""
+    def unknown(self, statement: list[Token], positional: list[list[Token]], line: int, *, known: bool) -> bool:
+        """Refuse an instruction that looks like a motion; return whether it does.
+
+        `known`: a procedure of the task, whose own motions are read.
+        """
         literal = any(syntax.looks_like_robtarget(syntax.value(tokens)) for tokens in positional)
         shape = any(len(t) == 1 and ZONE.fullmatch(t[0].text) for t in positional) and any(
             len(t) == 1 and SPEED.fullmatch(t[0].text) for t in positional
         )
-        like_motion = literal or (shape and len(positional) > 3)
+        like_motion = literal or (shape and len(positional) > 3 and not known)
         if like_motion:
             word = self._names.cased(statement[0])
             problem = unknown_motion(self._names.shown(statement))
@@ -85,6 +88,8 @@ class RapidMotionReader:
             positional = positional[2:]
         goals = 2 if circle else 1
         if len(positional) < goals + 2 or any(argument.required for argument in arguments):
+            for argument in arguments:
+                self._names.read_by(argument.tokens, line)
             problem = not_understood(self._names.shown([token]))
             self._add(Point(f"{word}:{line}", self._source, line, problem=problem), self._use(word, token, line))
             return

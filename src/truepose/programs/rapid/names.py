@@ -94,6 +94,26 @@ class RapidMotion(NamedTuple):
     node: int
 
 
+class Handed(NamedTuple):
+    """A tool or workobject that a call hands over as PERS, which motions need; the routine may change it.
+
+    Attributes
+    ----------
+    name, caller : str
+        Its name, and the calling routine where it is a parameter of that.
+    parameter, called : str
+        The name of the parameter and the called routine.
+    place : Place
+        The place of the call.
+    """
+
+    name: str
+    caller: str
+    parameter: str
+    called: str
+    place: Place
+
+
 class Read(NamedTuple):
     """A statement that reads a point without moving to it."""
 
@@ -174,6 +194,12 @@ class RapidTask:
         A statement that may write any data, because it names them at run time.
     run_by_motions : set of (str, bool)
         The procedures that motions run (``MoveLSync``), by the known beginning of their names and whether that is all.
+    handed : list of Handed
+        The tools and workobjects that calls hand over as PERS.
+    changed_parameters : set of (str, str)
+        The parameters that their routines change: routine and name.
+    aliases : dict of str
+        The types that have other names, by these.
     """
 
     options: ReadOptions
@@ -198,12 +224,38 @@ class RapidTask:
     loads: str = ""
     sets_by_name: Place | None = None
     run_by_motions: set[tuple[str, bool]] = field(default_factory=set)
+    handed: list[Handed] = field(default_factory=list)
+    changed_parameters: set[tuple[str, str]] = field(default_factory=set)
+    aliases: dict[str, str] = field(default_factory=dict)
     kinds: dict[tuple[Use, int], int] = field(default_factory=dict)
 
     _parameters: dict[tuple[str, str], RobtargetVariable] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.derivations = RapidDerivations(self.flow)
+
+    def change_handed(self) -> None:
+        """Note the tools and workobjects that routines change through a parameter, once all is read."""
+        size = -1
+        while size != len(self.changed_parameters):
+            size = len(self.changed_parameters)
+            for one in self.handed:
+                if (one.called, one.parameter) in self.changed_parameters and one.caller:
+                    self.changed_parameters.add((one.caller, one.name))
+        for one in self.handed:
+            if (one.called, one.parameter) in self.changed_parameters and not one.caller:
+                self.change_frame(one.name, one.place)
+
+    def change_frame(self, name: str, place: Place) -> None:
+        """Note that a tool or workobject may change."""
+        for kind in ("tool", "base"):
+            self.changed.setdefault((kind, frame_key(name)), place)
+
+    def type_of(self, name: str) -> str:
+        """Return the type that a name stands for."""
+        for _ in range(len(self.aliases)):
+            name = self.aliases.get(name, name)
+        return name
 
     def parameter(self, routine: str, name: str) -> RobtargetVariable:
         """Return the robtarget of a routine's parameter, which is a copy of the argument."""
@@ -261,6 +313,8 @@ class ModuleNames:
         The names of the routine that is being read.
     counters : list of NumberVariable
         The counters of the open loops.
+    routine : str
+        The key of the routine that is being read.
     taken : set of int
         The places of the words of the current statement that a rule has understood.
     """
@@ -269,6 +323,7 @@ class ModuleNames:
         self.source, self.task = source, task
         self.own, self.inner = Scope(), Scope()
         self.counters: list[NumberVariable] = []
+        self.routine = ""
         self.taken: set[int] = set()
 
     def take(self, items: Iterable[Token]) -> None:
@@ -383,17 +438,25 @@ class ModuleNames:
                 parameter = required[place] if in_order and place < len(required) else None
                 place += 1
             writable = routine is None or parameter is None or parameter.writable
-            if writable and syntax.is_variable(argument.tokens):
-                self.change(argument.tokens[0].text, line)
+            if not (writable and syntax.is_variable(argument.tokens)):
+                continue
+            name = argument.tokens[0].text
+            if routine is not None and parameter is not None and parameter.stored and self.find_number(name) is None:
+                caller = self.routine if self.is_inner(name) else ""
+                handed = Handed(name, caller, parameter.name, routine.key, self.place(line))
+                self.task.handed.append(handed)
+            else:
+                self.change(name, line)
 
     def change(self, name: str, line: int) -> None:
         """Note that a tool or workobject of this name may change here."""
         if (number := self.find_number(name)) is not None:
             number.handed = True
             self.task.derivations.escape_number(number)
-        elif not self.is_inner(name):
-            for kind in ("tool", "base"):
-                self.task.changed.setdefault((kind, frame_key(name)), self.place(line))
+        elif self.is_inner(name):
+            self.task.changed_parameters.add((self.routine, name))
+        else:
+            self.task.change_frame(name, self.place(line))
 
     def write(
         self, name: str, line: int, how: str, index: tuple[int, ...] | None = None, *, followed: bool = False

@@ -182,6 +182,7 @@ class _Task:
         with self._named():
             for module in self._modules:
                 module.read()
+            self.data.change_handed()
             try:
                 self.data.flow.solve()
             except BlockError as error:

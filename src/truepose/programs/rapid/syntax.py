@@ -320,13 +320,14 @@ def position_of(mark: str, items: list[Token]) -> int:
 
 
 class RoutineParameter(NamedTuple):
-    """A routine's parameter; `writable` if the routine may change the argument."""
+    """A routine's parameter; `writable` if the routine may change the argument, `stored` if that is a PERS."""
 
     name: str
     type: str
     writable: bool
     optional: bool
     array: bool = False
+    stored: bool = False
 
     @property
     def is_point(self) -> bool:
@@ -350,5 +351,5 @@ def parameters(head: list[Token]) -> tuple[RoutineParameter, ...]:
                     writable = not {"VAR", "PERS", "INOUT"}.isdisjoint(words[:-1])
                     array = k + 1 < len(piece) and piece[k + 1].text == "{"
                     type_ = words[-2] if len(words) > 1 else ""
-                    found.append(RoutineParameter(token.text, type_, writable, optional, array))
+                    found.append(RoutineParameter(token.text, type_, writable, optional, array, "PERS" in words[:-1]))
     return tuple(found)
