@@ -50,7 +50,11 @@ def check(folder: Path, files: Files, options: ReadOptions, seed: int, runs: int
     """
     for old in list(folder.iterdir()):
         old.unlink()
-    program = read(folder, files, options)
+    return executed(files, read(folder, files, options), seed, runs)
+
+
+def executed(files: Files, program: Program, seed: int, runs: int = 8) -> Found:
+    """Run a program as it is and as it was corrected, by the targets that were read; see `check`."""
     dice = Random(seed)
     corrected = [
         Corrected(target, np.array([round(dice.uniform(0.5, 9.5), 4) for _ in range(3)]))
@@ -202,7 +206,7 @@ def still_wrong(folder: Path, options: ReadOptions, seed: int) -> Callable[[File
     def fails(files: Files) -> bool:
         try:
             return bool(check(folder, files, options, seed, runs=30).wrong)
-        except Exception:  # noqa: BLE001 - a program that is not valid, for the executor or for the reader
+        except Exception:  # it is not valid, for the executor or for the reader
             return False
 
     return fails

@@ -65,13 +65,14 @@ class Generator:
             procedures += self.some("calib", "calibf", share=0.6)
         functions = self.some("fi", "fz", "fr", share=0.35)
         self.trap = self.chance(0.12)
-        self.sync = "foo" in procedures and self.chance(0.1)
+        self.sync = "foo" in procedures and self.chance(0.2)
         routines: list[list[Line]] = []
         self.calls = []
         for name in [*functions, *reversed(procedures)]:  # each calls those before it
             routines.append(self.routine(name))
             self.calls.append(name)
         if self.trap:
+            self.locals, self.inner_nums = [], []
             calls, self.calls = self.calls, [one for one in self.calls if one in ("foo", "bar")]
             routines.append([Block([("TRAP tr", self.body(2))], "ENDTRAP")])
             self.calls = calls
@@ -101,14 +102,15 @@ class Generator:
     def routine(self, name: str) -> list[Line]:
         heads = {
             "main": "PROC main()", "foo": "PROC foo()", "bar": "PROC bar()", "go": "PROC go(robtarget r,num x)",
-            "setr": "PROC setr(INOUT robtarget r)", "calib": f"PROC calib({self.dice.choice(['PERS', 'INOUT'])} wobjdata w)",
+            "setr": "PROC setr(INOUT robtarget r)",
+            "calib": f"PROC calib({self.dice.choice(['PERS', 'INOUT'])} wobjdata w)",
             "calibf": "PROC calibf(INOUT pose f)", "up": "PROC up(INOUT num x\\num y)", "fi": "FUNC num fi()",
             "CutL": "PROC CutL(robtarget r,num v,num z,PERS tooldata t\\PERS wobjdata WObj)",
             "fz": "FUNC num fz(robtarget r)", "fr": "FUNC robtarget fr(robtarget r)",
         }  # fmt: skip
         function = name in ("fi", "fz", "fr")
         errors = "errors" in self.themes
-        self.in_function, self.handled = function, not function and errors and self.chance(0.5)
+        self.in_function, self.handled = function, errors and self.chance(0.5)
         self.locals, self.inner_nums = [], []
         body: list[Line] = []
         if not function and self.chance(0.15):
@@ -153,7 +155,8 @@ class Generator:
         if self.handled:
             self.in_function = True  # no motions of functions, few statements
             body += ["ERROR", *(self.body(1) if self.chance(0.4) else [])]
-            body.append(self.dice.choice(["TRYNEXT;", "TRYNEXT;", "RETRY;", "RETURN;", "RAISE;"]))
+            ending = self.dice.choice(["TRYNEXT;", "TRYNEXT;", "RETRY;", "RETURN;", "RAISE;"])
+            body.append(ending if ending != "RETURN;" or not function else statements[-1])
         kind = heads[name].split()[0]
         return [Block([(heads[name], body)], f"END{kind}")]
 
@@ -262,8 +265,10 @@ class Generator:
         name = self.dice.choice([*(one for one in self.calls if one not in ("fi", "fz", "fr")), ""])
         arguments = {
             "go": f" {self.goal()},{self.amount()}", "setr": f" {self.dice.choice(['v1', 'q', 'e1', 'vs{1}'])}",
-            "calib": f" {self.dice.choice(['w1', 'w2', 'w2'])}", "calibf": f" {self.dice.choice(['w1.oframe', 'w2.uframe', 'd'])}",
-            "up": f" {self.dice.choice(['h', 'kk{1}', 'w2.oframe.trans.z'])}", "CutL": f" {self.goal()}{self.end()[:-1]}",
+            "calib": f" {self.dice.choice(['w1', 'w2', 'w2'])}",
+            "calibf": f" {self.dice.choice(['w1.oframe', 'w2.uframe', 'd'])}",
+            "up": f" {self.dice.choice(['h', 'kk{1}', 'w2.oframe.trans.z'])}",
+            "CutL": f" {self.goal()}{self.end()[:-1]}",
         }.get(name, "")  # fmt: skip
         if not name:
             return ["b:=TRUE;"]
@@ -290,7 +295,8 @@ class Generator:
         if "reads" in self.themes:
             some += [
                 f'TPWrite "h"\\Num:={self.amount()};', f"SetAO ao1,{self.amount()};", "u:=p2.trans;", "d.trans:=u;",
-                f"MoveAbsJ CalcJointT({self.goal()},t1\\WObj:=w1),v100,z10,t1;", f"h:=Distance({self.point()}.trans,u);",
+                f"MoveAbsJ CalcJointT({self.goal()},t1\\WObj:=w1),v100,z10,t1;",
+                f"h:=Distance({self.point()}.trans,u);",
             ]  # fmt: skip
         if "measured" in self.themes:
             some += ["b:=StrToVal(s,h);", "GetSysData t2;", "Incr h;", "Add h,c1;", "b:=StrToVal(s,q);",
@@ -306,8 +312,10 @@ class Generator:
             self.serial += 1
             label = f"l{self.serial}"
             return [f"IF di1=1 GOTO {label};", *self.statement(), f"{label}:", "b:=TRUE;"]
+        if "errors" in self.themes and self.chance(0.2):
+            return [self.dice.choice(["IF di1=1 RAISE 1;", f"IF di1=1 THEN\n{PD}\nRAISE 1;\nENDIF"])]
         if self.chance(0.1) and not self.in_function:
-            return [self.dice.choice(["IF di1=1 RETURN;", "IF di1=1 EXITCYCLE;", "IF di1=1 RAISE 1;"])]
+            return [self.dice.choice(["IF di1=1 RETURN;", "IF di1=1 EXITCYCLE;"])]
         return [self.dice.choice(some)]
 
     def branch(self) -> list[Line]:

@@ -137,6 +137,8 @@ class Flow:
         self._interrupts: set[str] = set()
         self._errors_pass = False
         self.handlers: list[str] = []
+        self.stepwise = False
+        """Whether errors may leave a routine between any two statements, so that `step` separates them."""
         self.concurrent = False
         """Whether handlers run beside the program (threads), and do not only interrupt it."""
         self._started: list[tuple[str, int]] = []
@@ -156,6 +158,11 @@ class Flow:
     def _advance(self) -> int:
         """Start a node behind the current one."""
         return self._new(self.node)
+
+    def step(self) -> None:
+        """Separate the statements before and behind this, if errors are handled."""
+        if self.stepwise:
+            self._advance()
 
     def begin_routine(self, name: str, *, outside: bool) -> None:
         """Begin a routine; `outside` if other modules may call it."""
@@ -401,7 +408,7 @@ class Flow:
             [(name, before, after) for name, before, after, _ in self._calls],
             {name: (entry, ends[name], exits) for name, (entry, exits) in self._routines.items()},
             {name for name, (entry, _) in self._routines.items() if entry in self._open},
-            [(part.first, part.last) for part in self._parts],
+            [(part.first, part.last, bool(part.returns)) for part in self._parts],
             {*self.handlers, *self._interrupts, *(name for name, _ in self._started)},
             dict(self._loops),
         )

@@ -105,6 +105,7 @@ class RapidModule:
                 key = self._declare_routine(statement) or key
             elif _is_handler(statement, "ERROR"):
                 self._handled.add(key)
+                self._flow.stepwise = True
             else:
                 self._find_run_by_motion(statement)
         if self._open:
@@ -236,7 +237,11 @@ class RapidModule:
             flow.end_routine()
             self._names.inner = Scope()
         elif word in DATA:
-            if self._routine():
+            if self._routine() and (
+                syntax.runs_on(statement[2:]) or [t.text for t in statement[3:4]] not in ([], ["{"], [":="])
+            ):
+                self._not_understood(statement, line)
+            elif self._routine():
                 self._declare(statement)
         elif not self._routine() or self._open[-1][0] == "RECORD" or word in ("ENDRECORD", "ENDMODULE"):
             pass
@@ -335,6 +340,9 @@ class RapidModule:
 
     def _instruction(self, statement: list[Token], line: int) -> None:
         first, name = statement[0], statement[0].text
+        if syntax.runs_on(statement) or (first.kind != "word" and name != "%"):
+            self._not_understood(statement, line)
+            return
         assigned = syntax.position_of(":=", statement)
         self._names.call_in(statement if assigned or first.kind != "word" else statement[1:], line)
         if assigned and syntax.is_variable(statement[:assigned]):
@@ -358,6 +366,13 @@ class RapidModule:
         else:
             self._call(statement, arguments, line)
 
+    def _not_understood(self, statement: list[Token], line: int) -> None:
+        """Distrust all that a statement names; what is in force behind it is not known."""
+        text = f"a statement that is not understood ({at(self._names.place(line))})"
+        self._flow.change(ipo=text, tool=InForce("unknown", text))
+        self._names.call_in(statement, line)
+        self._names.take_rest(statement, line)
+
     def _displace(self, name: str, line: int) -> None:
         """Take an instruction that displaces the motions behind it, or ends that."""
         text = f"{name} ({at(self._names.place(line))})"
@@ -380,6 +395,7 @@ class RapidModule:
         if routine is None:
             self._names.read_by(statement[1:], line, how if named else "read")
         else:
+            self._flow.step()
             for argument in give_points(routine, arguments, self._names, line):
                 self._names.read_by(argument.tokens, line, how if named else "read")
             self._names.take(t for t in statement if t.kind == "word" and self._names.find(t.text) is None)
@@ -454,6 +470,7 @@ class RapidModule:
         self._names.take(left[:1])
         self._names.read_by(left[1:], line)
         followed = assign(left, right, _braces(left), self._names, line)
+        self._flow.step()
         if followed:
             self._names.take(right)
         else:
@@ -529,6 +546,7 @@ class RapidModule:
         """Take the value that a routine gives its own data at each call."""
         if not plain or not assign([name], right, [], self._names, line):
             self._names.read_by(right, line)
+        self._flow.step()
 
     def _declare_frame(self, scope: Scope, type_: str, token: Token, parsed: Value, line: int, *, shared: bool) -> None:
         kind, frame, problem = frame_data(type_.lower(), self._names.cased(token), parsed)

@@ -137,7 +137,7 @@ class RapidMotionReader:
         """Return the tool or workobject that an argument names, and the reason why it cannot be used."""
         what = "tool" if kind == "tooldata" else "workobject"
         if len(items) != 1 or items[0].kind != "word" or self._names.is_hidden(items[0].text):
-            shown = self._names.shown(items) or "of the caller"
+            shown = "of the caller" if [t.text for t in items[:1]] in ([], ["?"]) else self._names.shown(items)
             return None, Problem("refuse", f"{what} {shown} is known at run time only")
         name = items[0].text
         if name in ("TOOL0", "WOBJ0"):

@@ -420,6 +420,7 @@ class ModuleNames:
             self.call_in(inside, line)
             routine = self.find_routine(name.text)
             if routine is not None:
+                self.task.flow.step()
                 self.task.flow.call(routine.key, "")
                 self.take([name])
             if routine is not None or name.text not in READING_FUNCTIONS:
@@ -438,9 +439,10 @@ class ModuleNames:
                 parameter = required[place] if in_order and place < len(required) else None
                 place += 1
             writable = routine is None or parameter is None or parameter.writable
-            if not (writable and syntax.is_variable(argument.tokens)):
+            tokens = argument.tokens[argument.tokens[:1] != [] and argument.tokens[0].text == "?" :]
+            if not (writable and syntax.is_variable(tokens)):
                 continue
-            name = argument.tokens[0].text
+            name = tokens[0].text
             if routine is not None and parameter is not None and parameter.stored and self.find_number(name) is None:
                 caller = self.routine if self.is_inner(name) else ""
                 handed = Handed(name, caller, parameter.name, routine.key, self.place(line))

@@ -19,14 +19,15 @@ _TOKEN: Final = re.compile(
     rb"(?P<blank>[ \t\r\n\f\v\x00\x1a]++|![^\r\n]*+|" + BLANK + rb")"
     rb"|(?P<text>\"(?:[^\"\r\n]|\"\")*+\")|(?P<open>\"[^\r\n]*+)"
     rb"|(?P<number>" + NUMBER + rb")|(?P<word>(?:[A-Za-z_]|" + _LETTER + rb")\w*+(?:" + _LETTER + rb"\w*+)*+)"
-    rb"|(?P<placeholder><(?i:TDN|DDN|RDN|PAR|ALT|DIM|SMT|VAR|EIT|CSE|EXP|ARG|ID)>)|(?P<mark>:=|<>|<=|>=|\w+|.)",
+    rb"|(?P<placeholder><[A-Za-z]{2,4}+>)|(?P<mark>:=|<>|<=|>=|\w+|.)",
     re.S,
 )
 _HEADER = re.compile(rb"\s*%%%.*?%%%|(?:\xef\xbb\xbf)?", re.S)
 _CLOSING: Final = ["MODULE", "PROC", "FUNC", "TRAP", "IF", "FOR", "WHILE", "TEST", "RECORD"]
 _ALONE: Final = frozenset([*("END" + word for word in _CLOSING), "ELSE", "UNDO", "BACKWARD"])
 _FIRST: Final = frozenset([*("END" + word for word in _CLOSING), "PROC", "FUNC", "TRAP", "RECORD", "ELSE", "ELSEIF"])
-"""Words that begin a statement, whatever is in front of them."""
+"""Words that begin a statement, whatever is in front of them; outside of brackets those of `_DATA`, too."""
+_DATA: Final = frozenset(["CONST", "PERS", "VAR"])
 _OPENS: Final = {"(": ")", "[": "]", "{": "}"}
 _INDENT: Final = 64
 """Largest number of blanks in front of the first line of a run."""
@@ -110,7 +111,8 @@ def _to_next_run(
                 yield now
             now = []
             continue
-        if token.kind == "word" and token.text in _FIRST and _is_cut(now):
+        first = token.kind == "word" and (token.text in _FIRST or (token.text in _DATA and not brackets))
+        if first and _is_cut(now):
             raise _unfinished(source, now)
         if token.kind == "mark" and token.text in _OPENS:
             brackets.append(token)
@@ -207,6 +209,21 @@ def split_compact_if(statement: list[Token]) -> tuple[list[Token], list[Token]]:
     return statement[1:], []
 
 
+def runs_on(statement: list[Token]) -> bool:
+    """Return whether a value follows another one without a mark between them, as where a semicolon is missing."""
+    ended = False
+    for i, token in enumerate(statement[1:]):
+        kind, text = token.kind, token.text
+        if kind == "word" and (text in _OPERATORS or text == "WITH"):
+            ended = False
+            continue
+        opens = text == "[" if kind == "mark" and not text[0].isdigit() else text[0] not in "+-"  # the sign of a number
+        if ended and opens and i:
+            return True
+        ended = kind != "mark" or text in (")", "]", "}") or text[0].isdigit()
+    return False
+
+
 def split(items: list[Token]) -> list[list[Token]]:
     """Return the pieces between commas outside brackets."""
     pieces: list[list[Token]] = [[]]
@@ -238,8 +255,8 @@ def arguments(items: list[Token]) -> list[Argument]:
         parts.append((name, part))
         for name, part in parts:
             given = part[2:] if len(part) > 1 and part[1].text == ":=" else []
-            if name:  # \Name or \Name:=value
-                found.append(Argument(name, given))
+            if name:  # \Name, \Name:=value, or \Name?value, which keeps the mark
+                found.append(Argument(name, given or (part[1:] if len(part) > 1 and part[1].text == "?" else [])))
             elif given:
                 found.append(Argument(part[0].text, given, required=True))
             elif part:
