@@ -569,7 +569,8 @@ class RapidModule:
 
 
 def _without_scope(statement: list[Token]) -> list[Token]:
-    return statement[1:] if statement[0].text in ("LOCAL", "TASK") and len(statement) > 1 else statement
+    scoped = statement[0].text in ("LOCAL", "TASK") and len(statement) > 1 and statement[1].kind == "word"
+    return statement[1:] if scoped else statement
 
 
 def _is_handler(statement: list[Token], *words: str) -> bool:
