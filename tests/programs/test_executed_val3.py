@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.programs.executors.val3 import VAL3
 from tests.programs.executors.running import for_a_while, try_programs
+from tests.programs.executors.val3 import VAL3
 
 
 def test_nothing_but_corrected_targets_moves(tmp_path: Path) -> None:

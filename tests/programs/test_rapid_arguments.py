@@ -89,12 +89,26 @@ def test_error_handlers_of_other_routines(tmp_path: Path) -> None:
     other = "PROC rX()\nERROR\nRETRY;\nENDPROC"
     assert only(read(tmp_path, "rTo p1,1;\nrX;", TO + other), "p1").verdict == "correct"
     own = TO.replace("ENDPROC", "ERROR\nRETRY;\nENDPROC")
-    assert only(read(tmp_path, "rTo p1,1;", own), "p1").verdict != "correct"
+    assert shifts(only(read(tmp_path, "rTo p1,1;", own), "p1")) == {(0, 0, 9)}
     caller = "rTo p1,1;\nERROR\nRETRY;"
-    assert only(read(tmp_path, caller), "p1").verdict != "correct"
+    assert shifts(only(read(tmp_path, caller), "p1")) == {(0, 0, 9)}
+    changing = TO.replace("MoveL p,", "p:=Offs(p,0,0,5);\nMoveL p,")
+    for more in (changing, changing.replace("ENDPROC", "ERROR\nRETRY;\nENDPROC")):
+        assert shifts(only(read(tmp_path, caller, more), "p1")) == {(0, 0, 5), (0, 0, 14)}
     # a constant shift is the same, whichever way control comes
     inside = "PROC rX()\nERROR\nMoveL Offs(p1,0,0,5),v1,z1,t;\nRETRY;\nENDPROC"
     assert shifts(only(read(tmp_path, "rX;", inside), "p1")) == {(0, 0, 5)}
+
+
+@pytest.mark.promise("An error of RAPID may end a routine between any two statements, with what they have set so far.")
+def test_errors_between_two_assignments(tmp_path: Path) -> None:
+    code = "MoveL p1,v1,z1,t;\nrSet;\nMoveL pA,v1,z1,t\\WObj:=w;\nERROR\nTRYNEXT;"
+    more = "PROC rSet()\npA:=p1;\nWaitDI di1,1\\MaxTime:=1;\npA:=p2;\nENDPROC"
+    assert "moved to under wobj0 (line 4) and w (line 6)" in only(read(tmp_path, code, more), "p1").reason
+    stops = code.replace("\nERROR\nTRYNEXT;", "")
+    assert only(read(tmp_path, stops, more), "p1").verdict == "correct"
+    inside = "MoveL p1,v1,z1,t;\nMoveL pA,v1,z1,t\\WObj:=w;\nrSet;\nERROR\nTRYNEXT;"
+    assert only(read(tmp_path, inside, more), "p1").verdict == "refuse"
 
 
 @pytest.mark.promise("Read alone, a RAPID module's points without LOCAL are refused also where only others derive.")

@@ -135,7 +135,11 @@ class Flow:
         self._routine = ""
         self._parts: list[Part] = []
         self._interrupting = False
+        self._interrupts: set[str] = set()
+        self._errors_pass = False
         self.handlers: list[str] = []
+        self.stepwise = False
+        """Whether errors may leave a routine between any two statements, so that `step` separates them."""
         self.concurrent = False
         """Whether handlers run beside the program (threads), and do not only interrupt it."""
         self._started: list[tuple[str, int]] = []
@@ -165,6 +169,11 @@ class Flow:
         """Start a node behind the current one."""
         return self._new(self.node)
 
+    def step(self) -> None:
+        """Separate the statements before and behind this, if errors are handled."""
+        if self.stepwise:
+            self._advance()
+
     def begin_routine(self, name: str, *, outside: bool) -> None:
         """Begin a routine; `outside` if other modules may call it."""
         if name in self._routines:
@@ -193,21 +202,35 @@ class Flow:
         self._interrupting = False
         self._new()
 
-    def part(self) -> None:
-        """Begin an error handler or another part that control may enter from anywhere; the body before it ends."""
+    def part(self, *, errors: bool = False, listed: bool = False) -> None:
+        """Begin an error handler or another part that control may enter from anywhere; the body before it ends.
+
+        `errors`: whether it handles the errors of the routine; `listed`: only some of them, which pass the handlers of
+        called routines by.
+        """
         self._close_part()
         self._exits.append(self.node)
-        self._parts.append(Part(self._new()))
+        self._parts.append(Part(self._new(), routine=self._routine, handles=errors))
+        self._errors_pass = self._errors_pass or listed
 
     def interrupt_program(self) -> None:
         """Mark the routine that begins here as one that an interrupt may call from anywhere."""
         self._interrupting = True
+        self._interrupts.add(self._routine)
         self._parts.append(Part(self._advance()))
 
     def resume(self) -> None:
         """Return to the place that control came from: RETRY and similar."""
         if self._parts and self._parts[-1].last < 0:
             self._parts[-1].returns.append(self.node)
+        self._new()
+
+    def fail(self, *, handled: bool) -> None:
+        """Raise an error; `handled`: the routine has a handler, which may go on behind this statement."""
+        if self._parts and self._parts[-1].last < 0 and self._parts[-1].handles:
+            self._parts[-1].raises = True
+        elif handled:
+            return
         self._new()
 
     def _close_part(self) -> None:
@@ -285,6 +308,13 @@ class Flow:
         block.branches += 1
         block.complete = block.complete or last
         self._new(block.entry)
+
+    def decide(self) -> None:
+        """Let the branches that follow begin here, where the condition of this one was evaluated."""
+        block = self._blocks[-1]
+        if self._nodes[block.entry].followers[-1] != self.node:  # it called functions
+            block.entry = self.node
+            self._advance()
 
     def end(self, kind: str, opener: str) -> None:
         """Close a block."""
@@ -389,6 +419,7 @@ class Flow:
                     self._nodes[after].changes = {
                         "tool": frozenset([unknown]), "base": frozenset([unknown]), "fdat": frozenset([frames])
                     }  # fmt: skip
+        self._connect_errors(changing)
         self._connect_parts(changing)
         self._connect_aborted(changing)
         self._handle_reached()
@@ -428,8 +459,8 @@ class Flow:
             [(name, before, after) for name, before, after, _ in self._calls],
             {name: (entry, ends[name], exits) for name, (entry, exits) in self._routines.items()},
             {name for name, (entry, _) in self._routines.items() if entry in self._open},
-            [(part.first, part.last) for part in self._parts],
-            {*self.handlers, *(name for name, _ in self._started)},
+            [(part.first, part.last, bool(part.returns)) for part in self._parts],
+            {*self.handlers, *self._interrupts, *(name for name, _ in self._started)},
             dict(self._loops),
             self._aborted,
         )
@@ -537,6 +568,37 @@ class Flow:
             size = len(changing)
             changing |= {name for name, called, _ in owners if called in changing}
         return changing
+
+    def _connect_errors(self, changing: set[str]) -> None:
+        """Connect what an error may leave, with values changed, with the calls of routines that handle it and go on."""
+        handlers = {part.routine: part for part in self._parts if part.handles}
+        if not any(part.returns for part in handlers.values()):
+            return
+
+        def inside(node: int, part: Part | None) -> bool:
+            return part is not None and part.first <= node <= part.last
+
+        ranges = {name: (self._routines[name][0], self._last[name]) for name in changing}
+        left = {name: len(self._nodes) + k for k, name in enumerate(ranges)}
+        self._nodes += [_Node() for _ in left]
+        kept = {name for name, part in handlers.items() if not (part.raises or self._errors_pass)}
+        for name, (first, last) in ranges.items():
+            for node in range(first, last + 1):
+                here = inside(node, handlers.get(name))
+                if self._nodes[node].changes_state if here else name not in kept:
+                    self._nodes[node].followers.append(left[name])
+        owners = {
+            node: name for name, (entry, _) in self._routines.items() for node in range(entry, self._last[name] + 1)
+        }
+        for called, before, after, _ in self._calls:
+            if called not in left or (owner := owners.get(before)) is None:
+                continue
+            handler = handlers.get(owner)
+            here = inside(before, handler)
+            if owner in left and (here or owner not in kept):
+                self._nodes[left[called]].followers.append(left[owner])
+            if handler is not None and handler.returns and not here:
+                self._nodes[left[called]].followers += [self._routines[called][0], after]
 
     def _connect_parts(self, changing: set[str]) -> None:
         """Connect every node with the parts, and the parts with every node if they change a value in force."""

@@ -31,8 +31,8 @@ class Graph(NamedTuple):
         The first and last node of each routine, and the nodes at which it ends.
     starts : set of str
         The routines that may be called from outside.
-    parts : list of (int, int)
-        The first and last nodes of parts that control may enter from anywhere.
+    parts : list of (int, int, bool)
+        The first and last nodes of parts that control may enter from anywhere, and whether it goes back from there.
     handlers : set of str
         The routines that may run at any time.
     loops : dict of int to (Counter, int, int)
@@ -45,7 +45,7 @@ class Graph(NamedTuple):
     calls: list[tuple[str, int, int]]
     routines: dict[str, tuple[int, int, list[int]]]
     starts: set[str]
-    parts: list[tuple[int, int]]
+    parts: list[tuple[int, int, bool]]
     handlers: set[str]
     loops: dict[int, tuple[Counter, int, int]]
     aborted: list[tuple[list[str], int]]
@@ -53,11 +53,17 @@ class Graph(NamedTuple):
 
 @dataclass(slots=True)
 class Part:
-    """Nodes that control may enter from anywhere, and those in `returns` where it goes back."""
+    """Nodes that control may enter from anywhere, and those in `returns` where it goes back.
+
+    `handles`: whether it is the handler of the errors of `routine`; `raises`: whether it hands them on to the caller.
+    """
 
     first: int
     last: int = -1
     returns: list[int] = field(default_factory=list)
+    routine: str = ""
+    handles: bool = False
+    raises: bool = False
 
 
 class Ways:
@@ -79,7 +85,9 @@ class Ways:
         for node, followers in enumerate(self._next):
             for follower in followers:
                 self._before[follower].append(node)
-        self._next.append([])
+        failed = len(graph.routines)
+        self._next += [[] for _ in range(1 + failed)]
+        self._before += [[] for _ in range(failed)]
         owners = sorted((first, last, name) for name, (first, last, _) in graph.routines.items())
         self._owner: dict[int, str] = {n: name for first, last, name in owners for n in range(first, last + 1)}
         self._callers: dict[str, set[str]] = {}
@@ -106,15 +114,13 @@ class Ways:
         graph = self._graph
         self._later, self._earlier = {}, {}
         own = {self._owner.get(node, "") for node in nodes}
-        within = any(first <= node <= last for first, last in graph.parts for node in nodes)
+        within = any(first <= node <= last for first, last, _ in graph.parts for node in nodes)
         touched, waiting = set(own), list(own)
         while waiting:
             new = self._callers.get(waiting.pop(), set()) - touched
             touched |= new
             waiting += new
-        # an error leaves routines up to a caller that handles it; handlers of other routines are not entered
-        handled = any(self._owner.get(first, "") in touched for first, _ in graph.parts)
-        if within or own & self._anytime or (handled and len(own) > 1):
+        if within or own & self._anytime:
             return False
         for name, before, behind in graph.calls:
             if name in touched and name in graph.routines:
@@ -133,6 +139,7 @@ class Ways:
             if owner in touched:
                 for node in range(graph.routines[owner][0], first):
                     self._link(node, first)
+        self._link_errors([name for name in sorted(touched) if name in graph.routines])
         ends = [(graph.routines[name], name) for name in sorted(touched) if name in graph.routines]
         for (first, _, exits), name in ends:  # what is left from one start is there at the next
             if name in graph.starts or name not in self._callers:
@@ -140,6 +147,31 @@ class Ways:
                 for node in exits:
                     self._link(node, self._hub)
         return True
+
+    def _link_errors(self, touched: Collection[str]) -> None:
+        """Link the places where an error may happen with the handlers, and with the calls behind which these go on.
+
+        An error leaves routines up to a caller that handles it, from wherever they were.
+        """
+        parts = [(self._owner.get(first, ""), first, back) for first, _, back in self._graph.parts]
+        parts = [one for one in parts if one[0] in touched]
+        if not parts:
+            return
+        failed = {name: self._hub + 1 + k for k, name in enumerate(touched)}
+        for name, node in failed.items():
+            first, last, _ = self._graph.routines[name]
+            for one in range(first, last + 1):
+                self._link(one, node)
+        going_on = {name for name, _, back in parts if back}
+        for name, before, behind in self._graph.calls:
+            caller = self._owner.get(before, "")
+            if name in failed and caller in failed:
+                self._link(failed[name], failed[caller])
+            if name in failed and caller in going_on:
+                self._link(failed[name], before)
+                self._link(failed[name], behind)
+        for name, first, _ in parts:
+            self._link(failed[name], first)
 
     def _link(self, node: int, follower: int) -> None:
         self._later.setdefault(node, list(self._next[node])).append(follower)

@@ -32,6 +32,7 @@ class Robtarget(Protocol):
     reach: Reach
     elements: dict[tuple[int, ...], Point]
     joints: bool
+    array: bool
 
 
 @dataclass(slots=True, eq=False)
@@ -48,12 +49,15 @@ class NumberVariable:
         The declared values by element; () of a plain variable.
     handed : bool
         Whether a statement may change it in a way that is not followed.
+    array : bool
+        Whether it is an array.
     """
 
     name: str
     kind: str
     values: dict[tuple[int, ...], float]
     handed: bool = False
+    array: bool = False
 
 
 class Followed(NamedTuple):
@@ -117,6 +121,10 @@ class RapidDerivations:
                 self._points[key] = variable
         key = self._keys[id(variable)]
         return key if index == () else Element(key, index)
+
+    def reads_point(self, expression: Expression) -> bool:
+        """Return whether an expression reads a robtarget."""
+        return any(Element.of(name).array in self._points for name in names_in(expression))
 
     def escape(self, variable: Robtarget, place: Place, how: str) -> None:
         """Note another use of a robtarget that the program may write."""

@@ -9,7 +9,6 @@ from typing import Final
 
 from truepose.errors import FileError
 from truepose.programs.core import shifts
-from truepose.programs.core.arithmetic import Number
 from truepose.programs.core.flow import UNSET, BlockError, InForce
 from truepose.programs.core.forms import Lines, is_run
 from truepose.programs.core.points import Point, Problem, at
@@ -27,6 +26,7 @@ from truepose.programs.rapid.names import (
     Routine,
     Scope,
     late_bound,
+    may_mean,
 )
 from truepose.programs.rapid.runs import NUMBERS, RapidRuns
 from truepose.programs.rapid.shifted import assign, counter_of, give_points
@@ -40,6 +40,8 @@ from truepose.programs.rapid.words import (
     LOADS,
     LOOPS,
     MOTION,
+    READING,
+    SYNC,
 )
 
 _ROUTINES: Final = ("PROC", "FUNC", "TRAP")
@@ -68,11 +70,15 @@ class RapidModule:
         self.name = next(map(_module_name, heads), "")
         if not self.name:
             raise FileError(source.path, "has no MODULE: it is no RAPID module")
+        for piece in self._pieces:
+            if isinstance(piece, list) and (alias := _without_scope(piece))[0].text == "ALIAS" and len(alias) == 3:
+                task.aliases[alias[2].text] = alias[1].text
         self._names = ModuleNames(source, task)
         self._open: list[tuple[str, int]] = []
         self._conditions: list[list[Token]] = []
         self._key = ""
         self._initial: list[tuple[list[Token], int]] = []
+        self._handled: set[str] = set()  # the routines with an error handler
         self._motions = RapidMotionReader(self._names)
         self._columns = {
             local: NamedTargets(source, lambda start: self._declare(self._line(start), inner=False), local=local)
@@ -86,6 +92,7 @@ class RapidModule:
 
     def declare(self) -> None:
         """Read the declarations of the module; values that name other data are kept for `read`."""
+        key = ""
         for statement in self._pieces:
             if isinstance(statement, Lines):
                 if self._runs.kind(statement) == "declared" and not self._routine():
@@ -95,7 +102,12 @@ class RapidModule:
             self._structure(statement)
             if outside:
                 self._declare(statement)
-                self._declare_routine(statement)
+                key = self._declare_routine(statement) or key
+            elif _is_handler(statement, "ERROR"):
+                self._handled.add(key)
+                self._flow.stepwise = True
+            else:
+                self._find_run_by_motion(statement)
         if self._open:
             word, line = self._open[-1]
             raise self.source.error(line, f"{word} has no END{word}: the file is truncated")
@@ -134,6 +146,7 @@ class RapidModule:
                     self._run(piece)
                 else:
                     self._structure(piece)
+                    self._names.taken.clear()
                     self._statement(piece, line)
         except BlockError as error:
             raise self.source.error(line, f"{error}; correct the file") from None
@@ -146,6 +159,7 @@ class RapidModule:
         behind = source.data.find(b"\n", lines.start) + 1
         before = task.marks()
         for statement in syntax.statements(source, lines.start, behind):
+            self._names.taken.clear()
             self._statement(statement, lines.line)
         one = task.marks() == (before[0] + 1, before[1] + 1, *before[2:])
         if kind == "inline" and one and task.moves[-1].point is task.points[-1]:
@@ -154,6 +168,7 @@ class RapidModule:
                 task.runs.append((task.points.pop(), lines))
                 return
         for statement in syntax.statements(source, behind, lines.end):
+            self._names.taken.clear()
             self._statement(statement, source.line(statement[0].start))
 
     def _named_run(self, lines: Lines) -> bool:
@@ -186,11 +201,18 @@ class RapidModule:
                 raise self.source.error(line, f"{word} without {word[3:]}; correct the file")
             self._open.pop()
 
-    def _declare_routine(self, statement: list[Token]) -> None:
-        """Take a routine's head."""
+    def _find_run_by_motion(self, statement: list[Token]) -> None:
+        """Note the procedure that a motion runs: ``MoveLSync …,"pick";``."""
+        k = next((k for k, token in enumerate(statement) if token.kind == "word" and SYNC.fullmatch(token.text)), -1)
+        if k >= 0:
+            positional = [a.tokens for a in syntax.arguments(statement[k + 1 :]) if not a.name]
+            self._task.run_by_motions.add(late_bound(positional[-1] if positional else []))
+
+    def _declare_routine(self, statement: list[Token]) -> str:
+        """Take a routine's head; return its key, empty where it is none."""
         head = _without_scope(statement)
         if head[0].text not in _ROUTINES or len(head) < 2:
-            return
+            return ""
         kind, name = head[0].text, _routine_name(head)
         line = self.source.line(statement[0].start)
         local = statement[0].text == "LOCAL"
@@ -201,6 +223,7 @@ class RapidModule:
         key = f"{self.name}:{name}" if local else name
         table[name] = Routine(key, kind, syntax.parameters(head), self._names.place(line))
         self._task.routines.append(table[name])
+        return key
 
     def _statement(self, statement: list[Token], line: int) -> None:
         flow = self._flow
@@ -214,22 +237,31 @@ class RapidModule:
             flow.end_routine()
             self._names.inner = Scope()
         elif word in DATA:
-            if self._routine():
+            if self._routine() and (
+                syntax.runs_on(statement[2:]) or [t.text for t in statement[3:4]] not in ([], ["{"], [":="])
+            ):
+                self._not_understood(statement, line)
+            elif self._routine():
                 self._declare(statement)
-        elif self._control(statement, line) or not self._routine() or self._open[-1][0] == "RECORD":
+        elif not self._routine() or self._open[-1][0] == "RECORD" or word in ("ENDRECORD", "ENDMODULE"):
             pass
-        elif word not in ("ENDRECORD", "ENDMODULE"):
-            self._instruction(statement, line)
+        else:
+            if self._control(statement, line):
+                self._names.take(statement[:1])
+            else:
+                self._instruction(statement, line)
+            self._names.take_rest(statement, line)
 
     def _begin_routine(self, head: list[Token]) -> None:
         name = _routine_name(head)
         routine = self._names.find_routine(name)
         assert routine is not None  # it was declared
-        self._key = routine.key
+        self._key = self._names.routine = routine.key
         # in a whole task, what nothing calls is a start
         outside = routine.key == "MAIN" or (not self._task.whole and ":" not in routine.key)
         self._flow.begin_routine(routine.key, outside=outside)
-        if head[0].text == "TRAP":
+        runs_beside = any(may_mean(start, routine.key, exact=exact) for start, exact in self._task.run_by_motions)
+        if head[0].text == "TRAP" or (head[0].text == "PROC" and runs_beside):
             self._flow.interrupt_program()
         points = {p.name: self._task.parameter(routine.key, p.name) for p in routine.parameters if p.is_point}
         self._names.inner = Scope(points, others={p.name for p in routine.parameters} - points.keys())
@@ -240,40 +272,49 @@ class RapidModule:
         is_mark = statement[-1].text == ":"
         if word == "IF" and statement[-1].text != "THEN":
             condition, instruction = syntax.split_compact_if(statement)
-            self._names.read_by(condition, line)
+            self._ask(condition, line)
             flow.begin("IF", line)
             if instruction:
                 self._statement(instruction, line)
             flow.end("ENDIF", "IF")
         elif word in ("IF", "TEST", "FOR", "WHILE"):
-            self._names.read_by(rest, line)
+            self._ask(rest, line)
             self._begin_block(word, rest, line)
             self._conditions += [rest] * (word == "WHILE")
         elif word in ("ELSEIF", "ELSE"):
-            self._names.read_by(rest, line)
             flow.branch("ELSE", last=word == "ELSE")
+            self._ask(rest, line)
+            flow.decide()
         elif word in ("CASE", "DEFAULT") and is_mark:
             flow.branch(word, last=word == "DEFAULT")
+            self._ask(rest, line)
+            flow.decide()
         elif word in ("ENDIF", "ENDTEST"):
             flow.end(word, "IF" if word == "ENDIF" else "SWITCH")
         elif word in LOOPS:
             if word == "ENDFOR" and self._names.counters:
                 self._names.counters.pop()
             if word == "ENDWHILE" and self._conditions:  # it is evaluated again
-                self._names.read_by(self._conditions.pop(), line)
+                self._ask(self._conditions.pop(), line)
             self._task.derivations.derivations.end_loop(word, LOOPS[word], self._names.place(line))
-        elif word in HANDLERS and (len(statement) == 1 or statement[1].text == "(") and self._routine():
-            flow.part()
+        elif _is_handler(statement, *HANDLERS):
+            flow.part(errors=word == "ERROR", listed=len(statement) > 1)
         elif statement[0].kind == "word" and word in ("RETURN", "EXIT", "EXITCYCLE", "RAISE", "TRYNEXT", "RETRY"):
-            self._names.read_by(rest, line)
+            self._ask(rest, line)
             self._leave(word)
         elif word == "GOTO" and len(statement) == 2:
+            self._names.take(rest)
             flow.goto(statement[1].text)
         elif len(statement) == 2 and is_mark:
             flow.label(word)
         else:
             return False
         return True
+
+    def _ask(self, items: list[Token], line: int) -> None:
+        """Take an expression: the functions that it calls, and the points that it reads."""
+        self._names.call_in(items, line)
+        self._names.read_by(items, line)
 
     def _begin_block(self, word: str, items: list[Token], line: int) -> None:
         """Open IF, TEST or a loop."""
@@ -290,29 +331,47 @@ class RapidModule:
             self._flow.leave()
         elif word in ("RETRY", "TRYNEXT"):
             self._flow.resume()
+        elif word == "RAISE":
+            self._flow.fail(handled=self._key in self._handled)
         else:
             if word == "EXITCYCLE" and "MAIN" in self._task.scope.routines:
                 self._flow.call("MAIN", "")
             self._flow.stop()
 
     def _instruction(self, statement: list[Token], line: int) -> None:
+        first, name = statement[0], statement[0].text
+        if syntax.runs_on(statement) or (first.kind != "word" and name != "%"):
+            self._not_understood(statement, line)
+            return
         assigned = syntax.position_of(":=", statement)
-        if assigned and not any(token.text == "\\" for token in statement[:assigned]):
+        self._names.call_in(statement if assigned or first.kind != "word" else statement[1:], line)
+        if assigned and syntax.is_variable(statement[:assigned]):
             self._assign(statement, assigned, line)
             return
-        name = statement[0].text
         arguments = syntax.arguments(statement[1:])
-        code = self.source.data[statement[0].start : statement[-1].end]
+        if not self._names.is_data(name):
+            self._names.take([first])
+        if first.kind == "word" and self._names.find_routine(name) is not None:
+            self._call(statement, arguments, line)  # whatever instruction has that name, too
+            return
+        code = self.source.data[first.start : statement[-1].end]
         shifts.follow(self._flow, shifts.RAPID, code, self._names.place(line))
         if name in DISPLACEMENTS:
             self._displace(name, line)
             self._names.read_by(statement[1:], line)
         elif name in JOINT_MOTIONS:
             self._motions.joint(statement, arguments, line)
-        elif statement[0].kind == "word" and (m := MOTION.fullmatch(name)) and len(arguments) > 2:
-            self._motions.read(statement[0], m[1] == "C", arguments, line)
+        elif first.kind == "word" and (m := MOTION.fullmatch(name)) and len(arguments) > 2:
+            self._motions.read(first, m[1] == "C", arguments, line)
         else:
             self._call(statement, arguments, line)
+
+    def _not_understood(self, statement: list[Token], line: int) -> None:
+        """Distrust all that a statement names; what is in force behind it is not known."""
+        text = f"a statement that is not understood ({at(self._names.place(line))})"
+        self._flow.change(ipo=text, tool=InForce("unknown", text))
+        self._names.call_in(statement, line)
+        self._names.take_rest(statement, line)
 
     def _displace(self, name: str, line: int) -> None:
         """Take an instruction that displaces the motions behind it, or ends that."""
@@ -329,15 +388,17 @@ class RapidModule:
             end = max(k for k, token in enumerate(statement) if token.text == "%")
             by_name, arguments = statement[1:end], syntax.arguments(statement[end + 1 :])
         positional = [a.tokens for a in arguments if not a.name]
-        self._motions.unknown(statement, positional, line)
         how = f"passed to {self._names.shown([statement[0]])}"
         named = any(len(t) == 1 and self._names.find(t[0].text) is not None for t in positional)
         routine = None if late or statement[0].kind != "word" else self._names.find_routine(name)
+        like_motion = self._motions.unknown(statement, positional, line, known=routine is not None)
         if routine is None:
             self._names.read_by(statement[1:], line, how if named else "read")
         else:
+            self._flow.step()
             for argument in give_points(routine, arguments, self._names, line):
                 self._names.read_by(argument.tokens, line, how if named else "read")
+            self._names.take(t for t in statement if t.kind == "word" and self._names.find(t.text) is None)
         self._names.hand_numbers(statement[1:])
         if name in LOADS:
             self._load(statement, line)
@@ -348,16 +409,22 @@ class RapidModule:
             self._late_call(by_name, by_number=not late, line=line)
             self._names.hand_over(None, arguments, line)
         elif statement[0].kind == "word":
-            self._procedure(name, arguments, line)
+            self._procedure(name, arguments, line, reads=like_motion or READING.fullmatch(name) is not None)
+        else:
+            self._names.hand_over(None, arguments, line)
 
-    def _procedure(self, name: str, arguments: list[Argument], line: int) -> None:
+    def _procedure(self, name: str, arguments: list[Argument], line: int, *, reads: bool) -> None:
+        """Take a procedure of the task, or an instruction; `reads`: an instruction that only reads its arguments."""
         routine = self._names.find_routine(name)
         if routine is not None:
             self._flow.call(routine.key, "")
             self._names.hand_over(routine, arguments, line)
-        elif name not in INSTRUCTIONS and not MOTION.fullmatch(name) and not self._task.whole:
-            self._names.hand_over(None, arguments, line)
-            self._unknown_call(f"{name}() was called, which is not in this file", line)
+        elif not MOTION.fullmatch(name):
+            elsewhere = name not in INSTRUCTIONS and not self._task.whole
+            if elsewhere or not reads:
+                self._names.hand_over(None, arguments, line)
+            if elsewhere:
+                self._unknown_call(f"{name}() was called, which is not in this file", line)
 
     def _late_call(self, expression: list[Token], *, by_number: bool, line: int) -> None:
         """Take a call whose procedure the run time names: any of those whose name may be meant."""
@@ -384,6 +451,8 @@ class RapidModule:
         """Take an instruction that reads or writes data whose name is a text."""
         start, exact = late_bound(positional[0]) if positional and name != "SETALLDATAVAL" else ("", False)
         if name == "GETDATAVAL":
+            for items in positional[1:]:
+                self._names.change(items[0].text, line)
             self._task.read_by_name.append((start if exact else "", self._names.place(line)))
         elif exact:
             self._names.change(start, line)
@@ -398,8 +467,13 @@ class RapidModule:
 
     def _assign(self, statement: list[Token], position: int, line: int) -> None:
         left, right = statement[:position], statement[position + 1 :]
+        self._names.take(left[:1])
+        self._names.read_by(left[1:], line)
         followed = assign(left, right, _braces(left), self._names, line)
-        if not followed:
+        self._flow.step()
+        if followed:
+            self._names.take(right)
+        else:
             self._names.read_by(right, line)
         name = left[0].text
         if self._names.find(name) is not None:
@@ -416,7 +490,7 @@ class RapidModule:
         local, shared = first == "LOCAL", first == "PERS"
         if len(statement) < 3 or statement[0].text not in DATA or statement[2].kind != "word":
             return
-        kind, type_, name = statement[0].text, statement[1].text, statement[2].text
+        kind, type_, name = statement[0].text, self._task.type_of(statement[1].text), statement[2].text
         inner = self._routine() if inner is None else inner
         scope = self._names.inner if inner else self._names.own if local else self._task.scope
         line = self.source.line(statement[0].start)
@@ -424,19 +498,22 @@ class RapidModule:
         parsed = syntax.value(statement[position + 1 :]) if position else []
         has_index = any(t.text == "{" for t in statement[: position or None])
         dimensions = sum(t.text == "," for t in statement[3:position]) + 1 if has_index else 0
+        right = statement[position + 1 :] if position else []
+        computed = any(token.kind == "word" for token in right)
+        if computed and inner:
+            self._names.call_in(right, line)
+        elif computed:
+            self._initial.append((right, line))
         if type_ == "NUM":
             values = number_values(parsed, dimensions) if kind != "PERS" else {}
-            number = scope.numbers[name] = NumberVariable(self._names.cased(statement[2]), kind, values)
-            if inner and kind == "VAR" and () in values:
-                value = Number(values[()])
-                self._task.derivations.derivations.assign(
-                    self._task.derivations.name(number), value, self._names.place(line)
-                )
-        if inner and type_ not in _TARGET_TYPES:
-            scope.others.add(name)
-        elif type_ in _FRAME_TYPES and not has_index:
-            self._declare_frame(scope, type_, statement[2], parsed, line, shared=shared)
+            scope.numbers[name] = NumberVariable(self._names.cased(statement[2]), kind, values, array=has_index)
         if type_ not in _TARGET_TYPES:
+            if inner or (local and type_ not in _FRAME_TYPES):
+                scope.others.add(name)
+            elif type_ in _FRAME_TYPES and not has_index:
+                self._declare_frame(scope, type_, statement[2], parsed, line, shared=shared)
+            if inner and right:
+                self._set_first(statement[2], right, line, plain=type_ == "NUM" and not has_index)
             return
         joints = type_ == "JOINTTARGET"
         if (old := scope.points.get(name)) is not None and (joints or old.joints):
@@ -447,13 +524,29 @@ class RapidModule:
             text = f"{self._names.cased(statement[2])} is declared twice, first in {at(old.place)}; keep one"
             raise self.source.error(line, text + (" or give the files of one task at a time" * self._task.named))
         reach: Reach = "routine" if inner else "module" if local else "controller" if shared else "task"
+        copy = inner and computed and not (joints or has_index or is_list(parsed))
         variable = RobtargetVariable(
-            self._names.cased(statement[2]), self._names.place(line), kind, reach, joints=joints
+            self._names.cased(statement[2]),
+            self._names.place(line),
+            "VAR" if copy else kind,  # a constant of a routine takes its value at each call
+            reach,
+            joints=joints,
+            array=has_index,
         )
         scope.points[name] = variable
         self._task.variables.append(variable)
+        if inner and computed:
+            self._set_first(statement[2], right, line, plain=copy)
+        if copy:
+            return
         for index, element in syntax.elements(parsed, dimensions):
             self._element(variable, index, element, line)
+
+    def _set_first(self, name: Token, right: list[Token], line: int, *, plain: bool) -> None:
+        """Take the value that a routine gives its own data at each call."""
+        if not plain or not assign([name], right, [], self._names, line):
+            self._names.read_by(right, line)
+        self._flow.step()
 
     def _declare_frame(self, scope: Scope, type_: str, token: Token, parsed: Value, line: int, *, shared: bool) -> None:
         kind, frame, problem = frame_data(type_.lower(), self._names.cased(token), parsed)
@@ -469,7 +562,6 @@ class RapidModule:
         elif element:
             problem = Problem("skip", "its value is known at run time only")
             point = Point(variable.name + suffix, self.source, line, problem=problem)
-            self._initial.append(([t for t in element if isinstance(t, Token)], line))
         else:
             return
         variable.elements[index] = point
@@ -477,7 +569,12 @@ class RapidModule:
 
 
 def _without_scope(statement: list[Token]) -> list[Token]:
-    return statement[1:] if statement[0].text in ("LOCAL", "TASK") and len(statement) > 1 else statement
+    scoped = statement[0].text in ("LOCAL", "TASK") and len(statement) > 1 and statement[1].kind == "word"
+    return statement[1:] if scoped else statement
+
+
+def _is_handler(statement: list[Token], *words: str) -> bool:
+    return statement[0].text in words and (len(statement) == 1 or statement[1].text == "(")
 
 
 def _module_name(statement: list[Token]) -> str:

@@ -30,11 +30,12 @@ class RapidMotionReader:
             self._names.read_by(statement[1:], line)
             self._add(Point(name, self._source, line, problem=JOINTS), use)
             return
-        for items in positional[1:]:
+        for items in [*positional[1:], *(a.tokens for a in arguments if a.name)]:
             self._names.read_by(items, line)
         tool, problem = self._frame("tooldata", self._tool_tokens(token.text, arguments, positional))
         goal, use = positional[0], use._replace(tool=tool, problem=problem)
         if is_list(parsed := syntax.value(goal)):
+            self._names.read_by(goal, line)
             point = jointtarget(self._source, self._options, name, parsed, line)
             self._task.points.append(point)
             self._move(point, use)
@@ -48,42 +49,55 @@ class RapidMotionReader:
         plain = len(items) == 1 or (items[1:2] and items[1].text == "{" and items[-1].text == "}")
         if variable is None or not plain:
             return False
+        self._names.take(items[:1])
+        self._names.read_by(items[1:], self._source.line(items[0].start))
         index = syntax.constant_index(items[1:])
         found = [point for key, point in variable.elements.items() if index is None or key == index]
         for point in found:
             self._move(point, use)
         return bool(found)
 
-    def unknown(self, statement: list[Token], positional: list[list[Token]], line: int) -> None:
-        """Refuse an instruction that looks like a motion."""
+    def unknown(self, statement: list[Token], positional: list[list[Token]], line: int, *, known: bool) -> bool:
+        """Refuse an instruction that looks like a motion; return whether it does.
+
+        `known`: a procedure of the task, whose own motions are read.
+        """
         literal = any(syntax.looks_like_robtarget(syntax.value(tokens)) for tokens in positional)
         shape = any(len(t) == 1 and ZONE.fullmatch(t[0].text) for t in positional) and any(
             len(t) == 1 and SPEED.fullmatch(t[0].text) for t in positional
         )
-        if literal or (shape and len(positional) > 3):
+        like_motion = literal or (shape and len(positional) > 3 and not known)
+        if like_motion:
             word = self._names.cased(statement[0])
             problem = unknown_motion(self._names.shown(statement))
             point = Point(f"{word}:{line}", self._source, line, problem=problem)
             self._add(point, self._use(word, statement[0], line))
+        return like_motion
 
     def read(self, token: Token, circle: bool, arguments: list[Argument], line: int) -> None:
         """Take a motion."""
         word = self._names.cased(token)
         positional = [a.tokens for a in arguments if not a.name]
         if token.text.startswith("SEARCH"):
-            if len(positional) > 1 and len(positional[1]) == 1:
-                self._names.write(positional[1][0].text, line, f"found by {word}")
+            if len(positional) > 1:
+                found_at = positional[1]
+                self._names.take(found_at[:1])
+                self._names.read_by([*positional[0], *found_at[1:]], line)
+                index = syntax.constant_index(found_at[1:])
+                self._names.write(found_at[0].text, line, f"found by {word}", index)
             positional = positional[2:]
         goals = 2 if circle else 1
-        if len(positional) < goals + 2:
+        if len(positional) < goals + 2 or any(argument.required for argument in arguments):
+            for argument in arguments:
+                self._names.read_by(argument.tokens, line)
             problem = not_understood(self._names.shown([token]))
             self._add(Point(f"{word}:{line}", self._source, line, problem=problem), self._use(word, token, line))
             return
+        for items in [*positional[goals:], *(a.tokens for a in arguments if a.name)]:
+            self._names.read_by(items, line)
         use = self._framed(token, arguments, positional[goals - 1 :], line)
         uses = [use, use._replace(order=use.order + 1)][:goals]
         found = [self._goal(positional[k], line, use, k, goals) for k, use in enumerate(uses)]
-        for items in [*positional[goals:], *(a.tokens for a in arguments if a.name)]:
-            self._names.read_by(items, line)
         if circle:
             self._task.circles += [[a, b] for a in found[0] for b in found[1]] or [found[0] + found[1]]
 
@@ -122,8 +136,8 @@ class RapidMotionReader:
     def _frame(self, kind: str, items: list[Token]) -> tuple[Frame | None, Problem | None]:
         """Return the tool or workobject that an argument names, and the reason why it cannot be used."""
         what = "tool" if kind == "tooldata" else "workobject"
-        if len(items) != 1 or items[0].kind != "word" or self._names.is_inner(items[0].text):
-            shown = self._names.shown(items) or "of the caller"
+        if len(items) != 1 or items[0].kind != "word" or self._names.is_hidden(items[0].text):
+            shown = "of the caller" if [t.text for t in items[:1]] in ([], ["?"]) else self._names.shown(items)
             return None, Problem("refuse", f"{what} {shown} is known at run time only")
         name = items[0].text
         if name in ("TOOL0", "WOBJ0"):
@@ -140,6 +154,7 @@ class RapidMotionReader:
         name = f"{use.word}:{line}{suffix[k]}"
         parsed = syntax.value(items)
         if is_list(parsed):
+            self._names.read_by(items, line)
             point = robtarget(self._source, self._options, name, parsed, line)
             self._move(point, use)
             self._task.points.append(point)
@@ -149,12 +164,15 @@ class RapidMotionReader:
         point = Point(name, self._source, line, problem=computed(self._names.shown(items)))
         goal = goal_of(items, self._names)
         if isinstance(goal, Shifted):
+            self._names.take(items)
             self._task.derivations.move(point, goal, use, self._task.flow.node)
         else:
             self._names.read_by(items, line)
         return [self._add(point, use)]
 
     def _named(self, items: list[Token], name: str, line: int, use: Use, *, circle: bool) -> list[Point]:
+        self._names.take(items[:1])
+        self._names.read_by(items[1:], line)
         variable = self._names.find(items[0].text)
         if variable is None:
             known = self._names.is_inner(items[0].text)

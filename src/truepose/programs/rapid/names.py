@@ -6,7 +6,7 @@ the task, a name of a routine hides both.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -19,6 +19,7 @@ from truepose.programs.rapid import syntax
 from truepose.programs.rapid.columns import FoundGroup, NamedTargets, prefix_of
 from truepose.programs.rapid.derived import NumberVariable, RapidDerivations, Reach
 from truepose.programs.rapid.syntax import Argument, RoutineParameter, Token
+from truepose.programs.rapid.words import NO_FUNCTIONS, READING_FUNCTIONS
 
 
 @dataclass(slots=True, eq=False)
@@ -39,6 +40,8 @@ class RobtargetVariable:
         The elements by index, in the order of the text; the index is empty where it is no array.
     joints : bool
         Whether it is a jointtarget.
+    array : bool
+        Whether it is an array.
     """
 
     name: str
@@ -47,6 +50,7 @@ class RobtargetVariable:
     reach: Reach = "task"
     elements: dict[tuple[int, ...], Point] = field(default_factory=dict)
     joints: bool = False
+    array: bool = False
 
 
 class Datum(NamedTuple):
@@ -90,6 +94,26 @@ class RapidMotion(NamedTuple):
     node: int
 
 
+class Handed(NamedTuple):
+    """A tool or workobject that a call hands over as PERS, which motions need; the routine may change it.
+
+    Attributes
+    ----------
+    name, caller : str
+        Its name, and the calling routine where it is a parameter of that.
+    parameter, called : str
+        The name of the parameter and the called routine.
+    place : Place
+        The place of the call.
+    """
+
+    name: str
+    caller: str
+    parameter: str
+    called: str
+    place: Place
+
+
 class Read(NamedTuple):
     """A statement that reads a point without moving to it."""
 
@@ -102,8 +126,8 @@ class Read(NamedTuple):
 class Scope:
     """The names that are declared in one place: in the task, in a module with LOCAL, or in a routine.
 
-    `others` are names of a routine whose value only the run time knows: parameters, tools, workobjects. `numbers` are
-    the num among them that may shift points.
+    `others` are names that hide those of outer scopes: a routine's parameters and data, LOCAL data of a module.
+    `numbers` are the num among them that may shift points.
     """
 
     points: dict[str, RobtargetVariable] = field(default_factory=dict)
@@ -168,6 +192,14 @@ class RapidTask:
         The statement that may load modules that are not at hand; empty if there is none.
     sets_by_name : Place, optional
         A statement that may write any data, because it names them at run time.
+    run_by_motions : set of (str, bool)
+        The procedures that motions run (``MoveLSync``), by the known beginning of their names and whether that is all.
+    handed : list of Handed
+        The tools and workobjects that calls hand over as PERS.
+    changed_parameters : set of (str, str)
+        The parameters that their routines change: routine and name.
+    aliases : dict of str
+        The types that have other names, by these.
     """
 
     options: ReadOptions
@@ -191,13 +223,39 @@ class RapidTask:
     changed: dict[tuple[str, Key | None], Place] = field(default_factory=dict)
     loads: str = ""
     sets_by_name: Place | None = None
-
+    run_by_motions: set[tuple[str, bool]] = field(default_factory=set)
+    handed: list[Handed] = field(default_factory=list)
+    changed_parameters: set[tuple[str, str]] = field(default_factory=set)
+    aliases: dict[str, str] = field(default_factory=dict)
     kinds: dict[tuple[Use, int], int] = field(default_factory=dict)
 
     _parameters: dict[tuple[str, str], RobtargetVariable] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.derivations = RapidDerivations(self.flow)
+
+    def change_handed(self) -> None:
+        """Note the tools and workobjects that routines change through a parameter, once all is read."""
+        size = -1
+        while size != len(self.changed_parameters):
+            size = len(self.changed_parameters)
+            for one in self.handed:
+                if (one.called, one.parameter) in self.changed_parameters and one.caller:
+                    self.changed_parameters.add((one.caller, one.name))
+        for one in self.handed:
+            if (one.called, one.parameter) in self.changed_parameters and not one.caller:
+                self.change_frame(one.name, one.place)
+
+    def change_frame(self, name: str, place: Place) -> None:
+        """Note that a tool or workobject may change."""
+        for kind in ("tool", "base"):
+            self.changed.setdefault((kind, frame_key(name)), place)
+
+    def type_of(self, name: str) -> str:
+        """Return the type that a name stands for."""
+        for _ in range(len(self.aliases)):
+            name = self.aliases.get(name, name)
+        return name
 
     def parameter(self, routine: str, name: str) -> RobtargetVariable:
         """Return the robtarget of a routine's parameter, which is a copy of the argument."""
@@ -221,16 +279,13 @@ class RapidTask:
 
     def procedures(self, name: str, *, exact: bool) -> list[str]:
         """Return the keys of the procedures that a late-bound call may mean."""
-        bare = name.rpartition(":")[2]
-        return [
-            routine.key
-            for routine in self.routines
-            if routine.kind == "PROC" and (_bare(routine.key) == bare if exact else _bare(routine.key).startswith(bare))
-        ]
+        return [one.key for one in self.routines if one.kind == "PROC" and may_mean(name, one.key, exact=exact)]
 
 
-def _bare(key: str) -> str:
-    return key.rpartition(":")[2]
+def may_mean(name: str, key: str, *, exact: bool) -> bool:
+    """Return whether a late-bound call of a name may mean the routine of a key."""
+    bare, known = name.rpartition(":")[2], key.rpartition(":")[2]
+    return known == bare if exact else known.startswith(bare)
 
 
 def late_bound(expression: list[Token]) -> tuple[str, bool]:
@@ -258,12 +313,33 @@ class ModuleNames:
         The names of the routine that is being read.
     counters : list of NumberVariable
         The counters of the open loops.
+    routine : str
+        The key of the routine that is being read.
+    taken : set of int
+        The places of the words of the current statement that a rule has understood.
     """
 
     def __init__(self, source: Source, task: RapidTask) -> None:
         self.source, self.task = source, task
         self.own, self.inner = Scope(), Scope()
         self.counters: list[NumberVariable] = []
+        self.routine = ""
+        self.taken: set[int] = set()
+
+    def take(self, items: Iterable[Token]) -> None:
+        """Note that a rule has understood code."""
+        self.taken.update([token.start for token in items])
+
+    def take_rest(self, items: list[Token], line: int) -> None:
+        """Distrust all that code names and that no rule has understood: it is read, and may be written or called."""
+        for i, token in enumerate(items):
+            if token.kind != "word" or token.start in self.taken or (i > 0 and items[i - 1].text in (".", "\\")):
+                continue
+            self.read_by([token], line, "named in code that is not understood")
+            self.write(token.text, line, "named in code that is not understood")
+            self.change(token.text, line)
+            if (routine := self.find_routine(token.text)) is not None:
+                self.task.flow.call_one_of([routine.key])
 
     def place(self, line: int) -> Place:
         """Return a line, with the file's name if the task has several."""
@@ -304,6 +380,14 @@ class ModuleNames:
         """Return the tool or workobject of a name, as a module declares it."""
         return self.own.frames.get(name) or self.task.scope.frames.get(name)
 
+    def is_data(self, name: str) -> bool:
+        """Return whether a name is that of a robtarget, num, tool or workobject."""
+        return any(find(name) is not None for find in (self.find, self.find_number, self.find_frame))
+
+    def is_hidden(self, name: str) -> bool:
+        """Return whether the name of a tool or workobject is one of the routine, or of other LOCAL data."""
+        return name in self.inner.others or (name in self.own.others and name not in self.own.frames)
+
     def find_routine(self, name: str) -> Routine | None:
         """Return the routine of a name."""
         return self.own.routines.get(name) or self.task.scope.routines.get(name)
@@ -313,7 +397,8 @@ class ModuleNames:
         return name in self.inner.others
 
     def read_by(self, items: list[Token], line: int, how: str = "read by arithmetic") -> None:
-        """Note the points that code reads and the functions that it calls."""
+        """Note the points that code reads; `call_in` notes the functions."""
+        self.take(items)
         for i, token in enumerate(items):
             if token.kind != "word" or (i > 0 and items[i - 1].text in (".", "\\")):
                 continue
@@ -322,32 +407,58 @@ class ModuleNames:
             if (variable := self.find(token.text)) is not None:
                 self.task.reads.append(Read(variable, self.place(line), how))
                 self.task.derivations.escape(variable, self.place(line), how)
-            elif i + 1 < len(items) and items[i + 1].text == "(" and (called := self.find_routine(token.text)):
-                self.task.flow.call(called.key, "")
-                self.hand_over(called, syntax.arguments(_in_brackets(items[i + 1 :])), line)
+
+    def call_in(self, items: list[Token], line: int) -> None:
+        """Note the functions that code calls, in their order, and what they may write."""
+        i = 0
+        while i + 1 < len(items):
+            name = items[i]
+            i += 1
+            if name.kind != "word" or items[i].text != "(" or name.text in NO_FUNCTIONS:
+                continue
+            inside = _in_brackets(items[i:])
+            self.call_in(inside, line)
+            routine = self.find_routine(name.text)
+            if routine is not None:
+                self.task.flow.step()
+                self.task.flow.call(routine.key, "")
+                self.take([name])
+            if routine is not None or name.text not in READING_FUNCTIONS:
+                self.hand_over(routine, syntax.arguments(inside), line)
+            i += len(inside) + 1
 
     def hand_over(self, routine: Routine | None, arguments: list[Argument], line: int) -> None:
         """Note the names that a routine is given and may change: tools and workobjects among them."""
         required = [p for p in routine.parameters if not p.optional] if routine else []
         named = {p.name: p for p in routine.parameters} if routine else {}
+        in_order = not any(argument.required for argument in arguments)
         place = 0
         for argument in arguments:
             parameter = named.get(argument.name)
             if not argument.name:
-                parameter = required[place] if place < len(required) else None
+                parameter = required[place] if in_order and place < len(required) else None
                 place += 1
             writable = routine is None or parameter is None or parameter.writable
-            if writable and len(argument.tokens) == 1 and argument.tokens[0].kind == "word":
-                self.change(argument.tokens[0].text, line)
+            tokens = argument.tokens[argument.tokens[:1] != [] and argument.tokens[0].text == "?" :]
+            if not (writable and syntax.is_variable(tokens)):
+                continue
+            name = tokens[0].text
+            if routine is not None and parameter is not None and parameter.stored and self.find_number(name) is None:
+                caller = self.routine if self.is_inner(name) else ""
+                handed = Handed(name, caller, parameter.name, routine.key, self.place(line))
+                self.task.handed.append(handed)
+            else:
+                self.change(name, line)
 
     def change(self, name: str, line: int) -> None:
         """Note that a tool or workobject of this name may change here."""
         if (number := self.find_number(name)) is not None:
             number.handed = True
             self.task.derivations.escape_number(number)
-        elif not self.is_inner(name):
-            for kind in ("tool", "base"):
-                self.task.changed.setdefault((kind, frame_key(name)), self.place(line))
+        elif self.is_inner(name):
+            self.task.changed_parameters.add((self.routine, name))
+        else:
+            self.task.change_frame(name, self.place(line))
 
     def write(
         self, name: str, line: int, how: str, index: tuple[int, ...] | None = None, *, followed: bool = False

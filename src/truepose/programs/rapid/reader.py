@@ -182,6 +182,7 @@ class _Task:
         with self._named():
             for module in self._modules:
                 module.read()
+            self.data.change_handed()
             try:
                 self.data.flow.solve()
             except BlockError as error:
@@ -310,14 +311,14 @@ def _follow(task: RapidTask) -> None:
         if (goal := found.goals.get(k)) is None:
             continue
         direct = known.derive(goal, one, allowed=allowed)
-        task.moves += [RapidMotion(point, one.use, one.node) for point in direct]
-        for source, _ in goal.shifts:
-            for variable, point in known.sources_of(source):
-                point.shared = point.shared or _unseen(task, variable.reach)
         if one.instead and one.point.follows and allowed:
             gone = {id(point) for point in one.instead}
             task.moves[:] = [move for move in task.moves if id(move.point) not in gone or move.use != one.use]
             task.points.append(one.point)
+        task.moves += [RapidMotion(point, one.use, one.node) for point in direct]
+        for source, _ in goal.shifts:
+            for variable, point in known.sources_of(source):
+                point.shared = point.shared or _unseen(task, variable.reach)
 
 
 def _shifts(state: State) -> Iterator[str]:

@@ -31,7 +31,8 @@ _AXES: Final = {"TRANS.X": 0, "TRANS.Y": 1, "TRANS.Z": 2}
 
 def goal_of(items: Sequence[Token], names: ModuleNames) -> Expression | None:
     """Return the expression of a robtarget: a variable, an element, Offs or RelTool; None for another."""
-    if len(items) > 3 and items[0].text in OFFSETS and items[1].text == "(" and items[-1].text == ")":
+    own = bool(items) and names.find_routine(items[0].text) is not None
+    if len(items) > 3 and items[0].text in OFFSETS and not own and items[1].text == "(" and items[-1].text == ")":
         pieces = syntax.split(list(items[2:-1]))
         inner = goal_of(pieces[0], names) if len(pieces) == 4 else None
         shift = [arithmetic(piece, names) for piece in pieces[1:]]
@@ -51,6 +52,8 @@ def arithmetic(items: Sequence[Token], names: ModuleNames) -> Expression | None:
         places = tuple([int(one.value) for one in indices if isinstance(one, Number) and one.value % 1 == 0])
         constant = len(places) == len(indices)
         if (point := names.find(word)) is not None:
+            if point.array and not indices:
+                raise NotArithmetic
             whole: Expression = Variable(known.name(point, places))
             if not constant:
                 whole = Variable(known.name(point), tuple(indices))
@@ -60,6 +63,8 @@ def arithmetic(items: Sequence[Token], names: ModuleNames) -> Expression | None:
         number = None if path else names.find_number(word)
         if number is None:
             return Opaque(tuple(indices))
+        if number.array and not indices:
+            raise NotArithmetic
         if number.kind == "CONST" and constant and places in number.values:
             return Number(number.values[places])
         return Variable(known.name(number, places)) if constant else Variable(known.name(number), tuple(indices))
@@ -96,6 +101,8 @@ def counter_of(items: Sequence[Token], names: ModuleNames) -> tuple[NumberVariab
 
 def give_points(routine: Routine, arguments: Sequence[Argument], names: ModuleNames, line: int) -> list[Argument]:
     """Note the robtargets of which a routine gets copies; return the other arguments."""
+    if any(argument.required for argument in arguments):
+        return list(arguments)
     required = [parameter for parameter in routine.parameters if not parameter.optional]
     others = [argument for argument in arguments if argument.name]
     known = names.task.derivations
@@ -108,6 +115,7 @@ def give_points(routine: Routine, arguments: Sequence[Argument], names: ModuleNa
         if goal is None:
             others.append(argument)
         else:
+            names.take(argument.tokens)
             known.assigned.append((goal, names.place(line)))
     return others
 
@@ -125,12 +133,12 @@ def assign(left: list[Token], right: list[Token], braces: list[Token], names: Mo
         number = names.find_number(name)
         if number is None or number.kind == "CONST":
             return False
-        found = arithmetic(right, names) if len(left) == 1 else None
-        if len(left) > 1:
-            number.handed = True
+        plain = len(left) == 1 and not number.array
+        found = arithmetic(right, names) if plain else None
+        number.handed = number.handed or not plain
         known.derivations.assign(known.name(number), found or UNKNOWN, place)
-        return found is not None
-    if index is None or variable.joints:
+        return found is not None and not known.reads_point(found)
+    if index is None or variable.joints or (variable.array and not braces):
         known.escape(variable, place, "assigned")
         return False
     private = variable.reach in ("routine", "module") or (variable.reach == "task" and names.task.whole)

@@ -1,6 +1,7 @@
 """RAPID's words: tokens, statements, arguments, and bracketed values.
 
 A statement ends at ``;``, or where a structure opens or closes: THEN, DO, ELSE, the colon of CASE, ENDIF and the like.
+A placeholder, such as ``<SMT>`` where the teach pendant got nothing, is a statement of its own and empty.
 """
 
 from __future__ import annotations
@@ -9,17 +10,24 @@ import re
 from collections.abc import Callable, Generator, Iterator
 from typing import Final, NamedTuple
 
+from truepose.errors import FileError
 from truepose.programs.core.forms import Lines
-from truepose.programs.core.source import NUMBER, Source
+from truepose.programs.core.source import BLANK, NUMBER, Source
 
+_LETTER: Final = rb"(?!" + BLANK + rb")[\x80-\xff]"
 _TOKEN: Final = re.compile(
-    rb"(?P<blank>[ \t\r\n\f\v\x00\x1a]+|![^\r\n]*+)|(?P<text>\"(?:[^\"\r\n]|\"\")*+\")|(?P<open>\"[^\r\n]*+)"
-    rb"|(?P<number>" + NUMBER + rb")|(?P<word>[A-Za-z_\x80-\xff][\w\x80-\xff]*+)|(?P<mark>:=|<>|<=|>=|\w+|.)",
+    rb"(?P<blank>[ \t\r\n\f\v\x00\x1a]++|![^\r\n]*+|" + BLANK + rb")"
+    rb"|(?P<text>\"(?:[^\"\r\n]|\"\")*+\")|(?P<open>\"[^\r\n]*+)"
+    rb"|(?P<number>" + NUMBER + rb")|(?P<word>(?:[A-Za-z_]|" + _LETTER + rb")\w*+(?:" + _LETTER + rb"\w*+)*+)"
+    rb"|(?P<placeholder><[A-Za-z]{2,4}+>)|(?P<mark>:=|<>|<=|>=|\w+|.)",
     re.S,
 )
 _HEADER = re.compile(rb"\s*%%%.*?%%%|(?:\xef\xbb\xbf)?", re.S)
 _CLOSING: Final = ["MODULE", "PROC", "FUNC", "TRAP", "IF", "FOR", "WHILE", "TEST", "RECORD"]
 _ALONE: Final = frozenset([*("END" + word for word in _CLOSING), "ELSE", "UNDO", "BACKWARD"])
+_FIRST: Final = frozenset([*("END" + word for word in _CLOSING), "PROC", "FUNC", "TRAP", "RECORD", "ELSE", "ELSEIF"])
+"""Words that begin a statement, whatever is in front of them; outside of brackets those of `_DATA`, too."""
+_DATA: Final = frozenset(["CONST", "PERS", "VAR"])
 _OPENS: Final = {"(": ")", "[": "]", "{": "}"}
 _INDENT: Final = 64
 """Largest number of blanks in front of the first line of a run."""
@@ -30,7 +38,7 @@ FindLines = Callable[[int], Lines | None]
 
 
 class Token(NamedTuple):
-    """A word (in upper case), number, text or mark, and its place."""
+    """A word (in upper case), number, text, placeholder or mark, and its place."""
 
     kind: str
     text: str
@@ -39,10 +47,11 @@ class Token(NamedTuple):
 
 
 class Argument(NamedTuple):
-    r"""An argument of a call: positional, or ``\Name:=value``."""
+    r"""An argument of a call: positional, ``\Name:=value``, or (`required`) ``Name:=value``."""
 
     name: str
     tokens: list[Token]
+    required: bool = False
 
 
 Value = list["Value"] | list[Token]
@@ -97,6 +106,14 @@ def _to_next_run(
         if not now and (lines := _run_at(source, find, token.start)) is not None:
             yield lines
             return lines.end
+        if token.kind == "placeholder" and not brackets and (not now or token.text.upper() == "<SMT>"):
+            if now:
+                yield now
+            now = []
+            continue
+        first = token.kind == "word" and (token.text in _FIRST or (token.text in _DATA and not brackets))
+        if first and _is_cut(now):
+            raise _unfinished(source, now)
         if token.kind == "mark" and token.text in _OPENS:
             brackets.append(token)
         elif (
@@ -121,6 +138,15 @@ def _to_next_run(
             source.line(now[0].start), f"the statement {now[0].text} … has no end: the file is truncated"
         )
     return -1
+
+
+def _is_cut(now: list[Token]) -> bool:
+    """Return whether a statement is open that another one cannot be part of; LOCAL and TASK stand before others."""
+    return bool(now) and not (len(now) == 1 and now[0].text in ("LOCAL", "TASK"))
+
+
+def _unfinished(source: Source, now: list[Token]) -> FileError:
+    return source.error(source.line(now[0].start), f"the statement {now[0].text} … has no semicolon; correct the file")
 
 
 def _run_at(source: Source, find: FindLines, start: int) -> Lines | None:
@@ -165,20 +191,37 @@ def _ends(now: list[Token]) -> bool:
 
 
 def split_compact_if(statement: list[Token]) -> tuple[list[Token], list[Token]]:
-    """Return condition and instruction of ``IF condition instruction``."""
+    """Return condition and instruction of ``IF condition instruction``; the latter may start with ``%``."""
     depth = 0
     for i, token in enumerate(statement[1:], 1):
         if token.kind == "mark":
             depth += (token.text in _OPENS) - (token.text in _OPENS.values())
         before = statement[i - 1]
         operand = (
-            before.kind in ("number", "text")
+            before.kind in ("number", "text", "placeholder")
             or before.text in (")", "]", "}")
+            or before.text[0].isdigit()  # such as 0xFF
             or (before.kind == "word" and before.text not in _OPERATORS and i > 1)
         )
-        if depth == 0 and token.kind == "word" and token.text not in _OPERATORS and operand:
+        starts = (token.kind == "word" and token.text not in _OPERATORS) or token.text == "%"
+        if depth == 0 and starts and operand:
             return statement[1:i], statement[i:]
     return statement[1:], []
+
+
+def runs_on(statement: list[Token]) -> bool:
+    """Return whether a value follows another one without a mark between them, as where a semicolon is missing."""
+    ended = False
+    for i, token in enumerate(statement[1:]):
+        kind, text = token.kind, token.text
+        if kind == "word" and (text in _OPERATORS or text == "WITH"):
+            ended = False
+            continue
+        opens = text == "[" if kind == "mark" and not text[0].isdigit() else text[0] not in "+-"  # the sign of a number
+        if ended and opens and i:
+            return True
+        ended = kind != "mark" or text in (")", "]", "}") or text[0].isdigit()
+    return False
 
 
 def split(items: list[Token]) -> list[list[Token]]:
@@ -200,19 +243,22 @@ def arguments(items: list[Token]) -> list[Argument]:
     found: list[Argument] = []
     for piece in split(items):
         depth, part, name = 0, list[Token](), ""
-        parts: list[Argument] = []
+        parts: list[tuple[str, list[Token]]] = []
         for k, token in enumerate(piece):
             if token.kind == "mark":
                 depth += (token.text in _OPENS) - (token.text in _OPENS.values())
             if depth == 0 and token.text == "\\":
-                parts.append(Argument(name, part))
+                parts.append((name, part))
                 part, name = [], piece[k + 1].text if k + 1 < len(piece) else "?"
             else:
                 part.append(token)
-        parts.append(Argument(name, part))
+        parts.append((name, part))
         for name, part in parts:
-            if name:  # \Name or \Name:=value
-                found.append(Argument(name, part[2:] if len(part) > 1 and part[1].text == ":=" else []))
+            given = part[2:] if len(part) > 1 and part[1].text == ":=" else []
+            if name:  # \Name, \Name:=value, or \Name?value, which keeps the mark
+                found.append(Argument(name, given or (part[1:] if len(part) > 1 and part[1].text == "?" else [])))
+            elif given:
+                found.append(Argument(part[0].text, given, required=True))
             elif part:
                 found.append(Argument("", part))
     return found
@@ -256,6 +302,21 @@ def elements(item: Value, dimensions: int, index: tuple[int, ...] = ()) -> Itera
                 yield from elements(part, dimensions - 1, (*index, i))
 
 
+def is_variable(items: list[Token]) -> bool:
+    """Return whether code names a variable, an element or a component of one: ``w1.uframe``, ``p{2}.trans.x``."""
+    while items and items[0].kind == "word":
+        items = items[1:]
+        if items and items[0].text == "{":
+            depth = [(token.text == "{") - (token.text == "}") for token in items]
+            items = items[next((k for k in range(len(items)) if sum(depth[: k + 1]) == 0), len(items)) + 1 :]
+        if not items:
+            return True
+        if items[0].text != ".":
+            return False
+        items = items[1:]
+    return False
+
+
 def constant_index(items: list[Token]) -> tuple[int, ...] | None:
     """Return the numbers in ``{2,1}``; () where there are no braces, None where only the run time knows."""
     if not items:
@@ -276,13 +337,14 @@ def position_of(mark: str, items: list[Token]) -> int:
 
 
 class RoutineParameter(NamedTuple):
-    """A routine's parameter; `writable` if the routine may change the argument."""
+    """A routine's parameter; `writable` if the routine may change the argument, `stored` if that is a PERS."""
 
     name: str
     type: str
     writable: bool
     optional: bool
     array: bool = False
+    stored: bool = False
 
     @property
     def is_point(self) -> bool:
@@ -306,5 +368,5 @@ def parameters(head: list[Token]) -> tuple[RoutineParameter, ...]:
                     writable = not {"VAR", "PERS", "INOUT"}.isdisjoint(words[:-1])
                     array = k + 1 < len(piece) and piece[k + 1].text == "{"
                     type_ = words[-2] if len(words) > 1 else ""
-                    found.append(RoutineParameter(token.text, type_, writable, optional, array))
+                    found.append(RoutineParameter(token.text, type_, writable, optional, array, "PERS" in words[:-1]))
     return tuple(found)

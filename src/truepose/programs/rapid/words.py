@@ -15,6 +15,8 @@ MOTION: Final = re.compile(
     r"(?:DO|AO|GO|SYNC|IOS|\d?(?:START|END)?)"
 )
 """The motion instructions of the base system and of the process options; C is a circle."""
+SYNC: Final = re.compile(r"MOVE[LJC]SYNC")
+"""The motions that run a procedure on their way."""
 ABSOLUTE: Final = "MOVEABSJ"
 """The motion of the robot to joints."""
 JOINT_MOTIONS: Final = frozenset([ABSOLUTE, "MOVEEXTJ"])
@@ -65,3 +67,24 @@ INSTRUCTIONS: Final = _words(
     """
 )
 """Instructions of the base system that are no motions and leave displacements as they are."""
+READING: Final = re.compile(
+    r"(?:TP|ERR|UI)?(?:WRITE|LOG|MSGBOX|MSGWRITE|SHOW)|SCWRITE|WRITE(?:ANYBIN|BIN|STRBIN|BLOCK|VAR|CFGDATA|RAWBYTES)"
+    r"|(?:GRIP|MECHUNIT)LOAD|(?:WAIT|DROP)(?:WOBJ|SENSOR)|SYNCTOSENSOR|SETSYSDATA|PACKRAWBYTES|RMQSENDMESSAGE"
+    r"|SOCKETSEND(?:TO)?|I(?:PERS|VARVALUE|WATCH|SLEEP)|SET(?:AO|DO|GO)?|PULSEDO|WAIT(?:TIME|UNTIL)|VELSET|ACCSET|SPEEDREFRESH"
+    r"|CORR(?:CON|WRITE|DISCON)|SOFTACT|(?:EGM|FC|CSS|WZ)\w+|CALLBYVAR|SETDATAVAL"
+)
+"""Instructions that only read tools, workobjects and numbers among their arguments."""
+READING_FUNCTIONS: Final = _words(
+    """
+    ABS ABSDNUM ACOS ACOSDNUM AINPUT AOUTPUT ARGNAME ASIN ASINDNUM ATAN ATAN2 ATANDNUM BITAND BITCHECK BITLSH BITNEG
+    BITOR BITRSH BITXOR BYTETOSTR CALCJOINTT CALCROBT CDATE CJOINTT CLKREAD COS COSDNUM CPOS CROBT CROSSPROD CTIME
+    CTOOL CWOBJ
+    DIM DINPUT DISTANCE DNUMTONUM DNUMTOSTR DOTPROD DOUTPUT EULERZYX EXP GINPUT GINPUTDNUM GOUTPUT GOUTPUTDNUM ISPERS
+    ISVAR MAX MIN MIRPOS NORIENT NUMTODNUM NUMTOSTR OFFS ORIENTZYX OROBT POSEINV POSEMULT POSEVECT POW POWDNUM PRESENT
+    RELTOOL ROUND ROUNDDNUM SIN SINDNUM SQRT SQRTDNUM STRFIND STRLEN STRMATCH STRPART TAN TANDNUM TESTDI TRUNC TRUNCDNUM
+    TYPE VALIDIO VALTOSTR VECTMAGN
+    """
+)
+"""Functions of the base system that only read their arguments; any other one may write to them."""
+NO_FUNCTIONS: Final = _words("AND OR NOT XOR DIV MOD FROM TO STEP")
+"""Words in front of a bracket that call nothing."""
