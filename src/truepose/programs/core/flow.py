@@ -307,11 +307,20 @@ class Flow:
         """Return the opening word of the innermost block; empty outside all blocks."""
         return self._blocks[-1].kind if self._blocks else ""
 
-    def exit(self) -> None:
-        """Leave the innermost loop."""
+    def exit(self, *, maybe: bool = False) -> None:
+        """Leave the innermost loop; `maybe`: or go on, depending on a condition."""
         for block in reversed(self._blocks):
             if block.kind not in ("IF", "SWITCH"):
                 block.exits.append(self.node)
+                if not maybe:
+                    self._new()
+                break
+
+    def next_turn(self) -> None:
+        """Go on with the next turn of the innermost loop."""
+        for block in reversed(self._blocks):
+            if block.kind not in ("IF", "SWITCH"):
+                self._nodes[self.node].followers.append(block.entry)
                 self._new()
                 break
 
@@ -402,17 +411,36 @@ class Flow:
         The way back is not followed: the values that they set for others are in `_ambient`.
         """
         entries = {name: self._routines[name][0] for name, _ in self._started if name in self._routines}
+        inner = dict(entries)
+        if self.concurrent:  # what others set meanwhile may be in force anywhere in it
+            for name in entries:
+                nodes = self._run_by(name)
+                inner[name] = self._new()
+                self._nodes[inner[name]].followers = nodes
         done: set[tuple[int, int]] = set()
         size = -1
         while size != len(done):  # one that interrupts another follows what the other follows
             size = len(done)
             for name, node in self._started:
                 if name in entries:
-                    new = {(other, entries[name]) for other in self._reach(node)} - done
+                    new = {(other, inner[name]) for other in self._reach(node)} - done
                     for other, entry in new:
                         self._nodes[other].followers.append(entry)
                     done |= new
         return set(entries.values())
+
+    def _run_by(self, name: str) -> list[int]:
+        """Return the nodes of a routine and of all that it calls."""
+        found, waiting, nodes = {name}, [name], list[int]()
+        while waiting:
+            called = waiting.pop()
+            first, last = self._routines[called][0], self._last.get(called, len(self._nodes) - 1)
+            nodes += range(first, last + 1)
+            called_here = {one for one, before, _, _ in self._calls if first <= before <= last}
+            new = called_here & self._routines.keys() - found
+            found |= new
+            waiting += new
+        return nodes
 
     def _reach(self, node: int) -> set[int]:
         """Return a node and all that control may reach from it."""
@@ -424,12 +452,13 @@ class Flow:
         return found
 
     def _changing(self) -> set[str]:
-        """Return the routines of this program that may change a value in force, directly or by a call."""
+        """Return the routines of this program that may change a value in force or start others, also by a call."""
         ranges = {name: (entry, self._last.get(name, len(self._nodes))) for name, (entry, _) in self._routines.items()}
         changing = {
             name
             for name, (first, last) in ranges.items()
             if any(node.changes_state for node in self._nodes[first : last + 1])
+            or any(first <= node <= last for _, node in self._started)
         }
         owners = [
             (name, called, bool(text) and called not in self._routines)
@@ -487,10 +516,10 @@ class Flow:
             for last_node in self._routines[name][1]:
                 tool |= self.states[last_node].tool - {UNSET}
                 base |= self.states[last_node].base - {UNSET}
-            first, last = self._routines[name][0], self._last.get(name, len(self._nodes))
+            nodes = [self._nodes[node] for node in self._run_by(name)]
             if self.concurrent:
-                for node in self._nodes[first : last + 1]:
+                for node in nodes:
                     tool |= node.changes.get("tool", frozenset())  # type: ignore[arg-type]
             # motions elsewhere go on while a handler or a thread runs: what it ends itself counts, too
-            shifts |= {node.begins for node in self._nodes[first : last + 1] if node.begins}
+            shifts |= {node.begins for node in nodes if node.begins}
         return State(frozenset(tool), frozenset(base), frozenset(), frozenset(), frozenset(shifts))
