@@ -362,11 +362,20 @@ class Flow:
         """Return the opening word of the innermost block; empty outside all blocks."""
         return self._blocks[-1].kind if self._blocks else ""
 
-    def exit(self) -> None:
-        """Leave the innermost loop."""
+    def exit(self, *, maybe: bool = False) -> None:
+        """Leave the innermost loop; `maybe`: or go on, depending on a condition."""
         for block in reversed(self._blocks):
             if block.kind not in ("IF", "SWITCH"):
                 block.exits.append(self.node)
+                if not maybe:
+                    self._new()
+                break
+
+    def next_turn(self) -> None:
+        """Go on with the next turn of the innermost loop."""
+        for block in reversed(self._blocks):
+            if block.kind not in ("IF", "SWITCH"):
+                self._nodes[self.node].followers.append(block.entry)
                 self._new()
                 break
 
@@ -485,13 +494,19 @@ class Flow:
         The way back is not followed: the values that they set for others are in `_ambient`.
         """
         entries = {name: self._routines[name][0] for name, _ in self._started if name in self._routines}
+        inner = dict(entries)
+        if self.concurrent:  # what others set meanwhile may be in force anywhere in it
+            for name in entries:
+                nodes = self._run_by(name)
+                inner[name] = self._new()
+                self._nodes[inner[name]].followers = nodes
         done: set[tuple[int, int]] = set()
         size = -1
         while size != len(done):  # one that interrupts another follows what the other follows
             size = len(done)
             for name, node in self._started:
                 if name in entries:
-                    new = {(other, entries[name]) for other in self._reach(node)} - done
+                    new = {(other, inner[name]) for other in self._reach(node)} - done
                     for other, entry in new:
                         self._nodes[other].followers.append(entry)
                     done |= new

@@ -134,11 +134,6 @@ class Ways:
                 first, last, _ = graph.routines[name]
                 for node in range(first, last + 1):
                     self._link(node, behind)
-        for first, _ in graph.parts:  # an error handler begins where the routine was
-            owner = self._owner.get(first, "")
-            if owner in touched:
-                for node in range(graph.routines[owner][0], first):
-                    self._link(node, first)
         self._link_errors([name for name in sorted(touched) if name in graph.routines])
         ends = [(graph.routines[name], name) for name in sorted(touched) if name in graph.routines]
         for (first, _, exits), name in ends:  # what is left from one start is there at the next

@@ -10,8 +10,18 @@ import numpy as np
 
 from truepose.programs.core.forms import NUMBER
 from truepose.programs.core.points import Point
-from truepose.programs.core.source import Source, parse_number
-from truepose.programs.urscript.poses import Join, Name, Offset, Pose, Unknown, parse, read_joints, read_literal
+from truepose.programs.core.source import Source, parse_number, shown
+from truepose.programs.urscript.poses import (
+    POSE_FUNCTIONS,
+    Join,
+    Name,
+    Offset,
+    Pose,
+    Unknown,
+    parse,
+    read_joints,
+    read_literal,
+)
 from truepose.programs.urscript.routines import Routines
 from truepose.programs.urscript.syntax import ASSIGN, POSE, Statement, arguments
 from truepose.programs.urscript.variables import Variable, Variables
@@ -54,6 +64,7 @@ class Declarations:
         self._source, self._routines, self._table = source, routines, variables.table
         self.aliases: dict[int, Alias] = {}
         self.adjusted: set[int] = set()
+        self._own_functions = [name for name in POSE_FUNCTIONS if name.decode() in routines.bodies]
         self._assigned = routines.declare_locals()
         self._table |= {key: Variable(parameter=True) for key in routines.passed()}
         for name, body in routines.bodies.items():
@@ -130,4 +141,6 @@ class Declarations:
         def literal(a: int, b: int) -> Point | None:
             return read_literal(self._source, name, statement.start + a, statement.start + b, statement.line)
 
+        if any(one in statement.code for one in self._own_functions):
+            return Unknown(shown(statement.code, start, end))
         return parse(statement.code, start, end, literal, self._routines.key)

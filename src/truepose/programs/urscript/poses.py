@@ -23,7 +23,10 @@ _JOINTS: Final = re.compile(rb"\[\s*" + rb"\s*,\s*".join([b"(" + NUMBER + b")"] 
 _JOIN: Final = re.compile(rb"(pose_trans|pose_add|pose_inv)\s*\(")
 INVERSE: Final = re.compile(rb"get_inverse_kin\s*\(")
 """The function that gives the joints of a pose, with the TCP in force."""
+POSE_FUNCTIONS: Final = (b"pose_trans", b"pose_add", b"pose_inv", b"get_inverse_kin")
+"""The functions that are followed."""
 _CALL: Final = re.compile(rb"(?!get_(?:actual|target)_joint_positions\b)\b[A-Za-z_]\w*\s*\(")
+_INDEX: Final = re.compile(rb"\w\s*\[")
 _OTHER_TCP: Final = re.compile(rb",\s*tcp\s*=")
 _NO_ROTATION: Final = 1e-9
 """The largest rotation [rad] of a shift."""
@@ -156,9 +159,9 @@ def parse(
         named = ARGUMENT.match(code, *spans[0])
         whole = code[spans[-1][1] : end].strip() == b")" and (named is None or named[1] == b"x")
         others = code[spans[0][1] : end]
-        if not whole or len(spans) > 4 or _OTHER_TCP.search(others) or _CALL.search(others):
-            return Unknown(shown(text))
-        return parse(code, spans[0][0] if named is None else named.end(), spans[0][1], literal, key)
+        pose = parse(code, spans[0][0] if named is None else named.end(), spans[0][1], literal, key)
+        unread = any(pattern.search(others) for pattern in (_OTHER_TCP, _CALL, _INDEX))
+        return pose if whole and len(spans) < 5 and not unread and _is_plain(pose) else Unknown(shown(text))
     if m := _ITEM.fullmatch(text):
         return Item(key(m[1].decode()), int(m[2]) if m[2].isdigit() and len(m[2]) < 7 else None, shown(text))
     if m := _JOIN.match(code, start, end):

@@ -60,12 +60,13 @@ from truepose.programs.urscript.syntax import (
     KEYWORD,
     MOTION,
     NAME,
+    SHORTENED,
     STRANGE,
     TAKES_POSES,
-    TCP,
     WORD,
     Statement,
     arguments,
+    calls,
     statements,
 )
 from truepose.programs.urscript.variables import READ, Variable, Variables, Way, is_followed
@@ -76,12 +77,12 @@ _BASE: Final = Frame("base", 0)
 
 @dataclass(slots=True)
 class _Goal:
-    """A motion to a pose that is not written in it, and its place in the flow."""
+    """A motion to a pose that is not written in it, and its places in the flow: also where joints are computed."""
 
     pose: Pose
     use: Use
     line: int
-    node: int
+    nodes: list[int]
     name: str
     points: list[Point] = field(default_factory=list)
 
@@ -111,11 +112,12 @@ class _Reader(Reader):
     def __init__(self, source: Source, frames: KnownFrames, options: ReadOptions) -> None:
         super().__init__(source, frames, options)
         self._runs: list[FoundRun] = []
-        self._inline: list[tuple[Point, Use, int]] = []
+        self._inline: list[tuple[Point, Use, list[int]]] = []
         self._goals: list[_Goal] = []
         self._arcs: list[list[Point | _Goal]] = []
         self._passed: list[_Passed] = []
-        self._tcps: list[Pose] = []
+        self._tcps: dict[Pose, int] = {}
+        self._nested: list[int] = []
         self._routines = Routines(source)
         self._variables = Variables(self._routines.own, self._stored_base)
         self._declared = Declarations(source, self._routines, self._variables)
@@ -126,8 +128,9 @@ class _Reader(Reader):
             raise NotAProgramError(self.source.path, "has neither a def nor a motion: it is no URScript")
         called = self._routines.called()
         for name, body in routines.items():
-            self._routines.current = name
             self.flow.begin_routine(name or "(file)", outside=name not in called)
+            self._take_defaults(name)
+            self._routines.current = name
             self.body(body, self._take)
         self.flow.handlers, self.flow.concurrent = self._routines.threads, True
         self._attach(self.flow.solve())
@@ -155,6 +158,14 @@ class _Reader(Reader):
         for one in statements(self.source, start=statement.end, end=lines.end):
             self._statement(one)
 
+    def _take_defaults(self, name: str) -> None:
+        """Take the expressions that parameters of a routine have by default: calls may need them, or not."""
+        self._routines.current = self._routines.outer.get(name, "")
+        for default in self._routines.defaults[name]:
+            self.flow.begin("IF", default.line)
+            self._evaluate(default)
+            self.flow.end("IF", "IF")
+
     def _marks(self) -> tuple[int, ...]:
         """Return how much has been read, to see what a statement adds; the last is the number of inline poses."""
         return self.flow.node, len(self.points), len(self._goals), len(self._arcs), len(self._passed), len(self._inline)
@@ -162,54 +173,79 @@ class _Reader(Reader):
     def _statement(self, statement: Statement) -> None:
         if statement.start in self._declared.adjusted:
             return
-        code, line, routines = statement.code, statement.line, self._routines.bodies
+        code, line, flow = statement.code, statement.line, self.flow
         block = m[1] if (m := BLOCK.match(code)) else b""
         word = m[1] if (m := WORD.match(code)) else b""
-        flow = self.flow
-        if block in (b"elif", b"else"):
-            flow.branch("ELSE", last=block == b"else")
-        table = self._variables.table
-        assigned = ASSIGN.match(code)
-        masked = bytearray(code)
-        if assigned is not None and self._routines.key(assigned[2].decode()) in table:
-            end = len(code) if statement.start in self._declared.aliases else assigned.end()
-            masked[:end] = b" " * end
-        alias = self._declared.aliases.get(statement.start)
-        if alias is not None and INVERSE.search(code):
-            table[alias.key].solved.append(flow.node)
-        if TCP.search(code):
-            self._tcp(statement, masked)
-        for m in MOTION.finditer(code):
-            self._motion(m, statement, masked)
-        shifts.follow(flow, shifts.UR, code, line)
-        strange = STRANGE.search(code)
-        if (m := strange) and m[1].decode() not in routines and not MOTION.match(code, m.start()):
-            self.other(m[1].decode(), line, unknown_motion(shown(code)))
-        for m in COUNT.finditer(code):
-            masked[slice(*m.span())] = b" " * len(m[0])
-        self._pass(statement, masked)
-        # the v of movel(p, v=0.25) is no variable
-        for m in NAME.finditer(KEYWORD.sub(lambda found: b" " * len(found[0]), bytes(masked))):
-            name = m[1].decode()
-            if m[2]:
-                if name in self._routines.threads:
-                    flow.start(name)
-                elif name in routines:
-                    flow.call(name, "")
-                own = name in self._routines.parameters
-                if not (own or strange or TAKES_POSES.fullmatch(name) or MOTION.match(code, m.start())):
-                    self._handed(name, statement, m.end(), masked)
-            elif (key := self._routines.key(name)) in table:
-                table[key].reads.append((line, READ))
-        if block in (b"if", b"while"):
-            flow.begin(block.decode().upper(), line)
+        if block == b"while":  # its condition counts at each turn
+            flow.begin("WHILE", line)
+        elif block not in (b"", b"if"):
+            flow.branch("ELSE", last=True)
+        self._evaluate(statement)
+        if block == b"while":
+            flow.exit(maybe=True)
+            self._nested.append(0)
+        elif block == b"if":
+            flow.begin("IF", line)
+            self._nested.append(0)
+        elif block not in (b"", b"else"):  # elif: one IF more, in the branch of ELSE
+            flow.begin("IF", line)
+            self._nested[-1] += 1
         elif word == b"end" and code.strip() == b"end":
-            opener = flow.innermost
-            flow.end("end", opener)
+            for _ in range(self._nested.pop() + 1):
+                flow.end("end", flow.innermost)
         elif word == b"break":
             flow.exit()
+        elif word == b"continue":
+            flow.next_turn()
         elif word in (b"return", b"halt"):
             flow.leave()
+
+    def _evaluate(self, statement: Statement) -> None:
+        """Take what a statement calls, in this order, and what it reads."""
+        code, line, table = statement.code, statement.line, self._variables.table
+        assigned = ASSIGN.match(code)
+        masked = bytearray(code)
+        alias = self._declared.aliases.get(statement.start)
+        if assigned is not None and self._routines.key(assigned[2].decode()) in table:
+            end = assigned.end(2) if alias is None else len(code)
+            masked[:end] = b" " * end
+        if alias is not None and INVERSE.search(code):
+            table[alias.key].solved.append(self.flow.node)
+        for m in COUNT.finditer(code):
+            if m[1].decode() not in self._routines.bodies:
+                masked[slice(*m.span())] = b" " * len(m[0])
+        begun = self.flow.node
+        shortened = SHORTENED.search(code)
+        for m in calls(code):
+            left_out = shortened is not None and m.start() > shortened.start()
+            if left_out:
+                self.flow.begin("IF", line)
+            self._call(m, statement, masked, begun)
+            if left_out:
+                self.flow.end("IF", "IF")
+        # the v of movel(p, v=0.25) is no variable
+        for m in NAME.finditer(KEYWORD.sub(lambda found: b" " * len(found[0]), bytes(masked))):
+            if not m[2] and (key := self._routines.key(m[1].decode())) in table:
+                table[key].reads.append((line, READ))
+
+    def _call(self, m: re.Match[bytes], statement: Statement, masked: bytearray, begun: int) -> None:
+        """Take a call; `begun` is the node of the flow at which its statement begins."""
+        name, code = m[1].decode(), statement.code
+        if name in self._routines.threads:
+            self.flow.start(name)
+        elif name in self._routines.bodies:
+            self._pass(m, statement, masked, begun)
+            self.flow.call(name, "")
+        elif name == "set_tcp":
+            self._tcp(m, statement, masked)
+        elif MOTION.match(code, m.start()):
+            self._motion(m, statement, masked, begun)
+        elif STRANGE.match(code, m.start()):
+            self.other(name, statement.line, unknown_motion(shown(code)))
+        else:
+            shifts.follow(self.flow, shifts.UR, m[1] + b"(", statement.line)
+            if not TAKES_POSES.fullmatch(name):
+                self._handed(name, statement, m.end(), masked)
 
     def _handed(self, name: str, statement: Statement, start: int, masked: bytearray) -> None:
         """List the poses that are arguments of a function that the language does not have: it may move there."""
@@ -220,35 +256,30 @@ class _Reader(Reader):
             elif re.search(r"(?<!\w)p\s*\[", argument):
                 self.other(name, statement.line, handed_to(name), f"{name}:{statement.line} argument {k}")
 
-    def _pass(self, statement: Statement, masked: bytearray) -> None:
-        """Note what a statement passes to functions of the program."""
-        code, line = statement.code, statement.line
-        for m in NAME.finditer(bytes(masked)):
-            function = m[1].decode()
-            if not m[2] or function not in self._routines.parameters:
+    def _pass(self, m: re.Match[bytes], statement: Statement, masked: bytearray, begun: int) -> None:
+        """Note what a call passes to a function of the program."""
+        code, line, function = statement.code, statement.line, m[1].decode()
+        parameters = self._routines.parameters.get(function, [])
+        for k, (start, b) in enumerate(arguments(code, m.end())):
+            keyword = ARGUMENT.match(code, start, b)
+            a = start if keyword is None else keyword.end()
+            which = parameters[k] if keyword is None and k < len(parameters) else keyword and keyword[1].decode()
+            variable = self._variables.table.get(key := f"{function}.{which}")
+            if variable is None:  # such as one with a default value: what is passed counts as read
                 continue
-            parameters = self._routines.parameters[function]
-            for k, (start, b) in enumerate(arguments(code, m.end())):
-                keyword = ARGUMENT.match(code, start, b)
-                a = start if keyword is None else keyword.end()
-                which = parameters[k] if keyword is None and k < len(parameters) else keyword and keyword[1].decode()
-                name = f"{function}:{line} argument {k + 1}"
-                pose = self._declared.pose(name, statement, a, b)
-                key = f"{function}.{which}"
-                if key in self._variables.table:
-                    use = self.use(function, line)
-                    self._passed.append(_Passed(key, pose, use, line, function, name))
-                    self._variables.table[key].given.append(pose)
-                    self._variables.table[key].callers.append(use)
-                    if INVERSE.search(code, a, b):
-                        self._variables.table[key].solved.append(self.flow.node)
-                if not isinstance(pose, Unknown | Literal):
-                    masked[a:b] = b" " * (b - a)
+            name = f"{function}:{line} argument {k + 1}"
+            pose = self._declared.pose(name, statement, a, b)
+            use = self.use(function, line)
+            self._passed.append(_Passed(key, pose, use, line, function, name))
+            variable.given.append(pose)
+            variable.callers.append(use)
+            if INVERSE.search(code, a, b):
+                variable.solved += {begun, self.flow.node}
+            if not isinstance(pose, Unknown | Literal):
+                masked[a:b] = b" " * (b - a)
 
-    def _tcp(self, statement: Statement, masked: bytearray) -> None:
-        m = TCP.search(statement.code)
-        assert m is not None
-        spans = arguments(statement.code, m.end())
+    def _tcp(self, m: re.Match[bytes], statement: Statement, masked: bytearray) -> None:
+        spans = _chosen(statement.code, arguments(statement.code, m.end()), ("pose",))
         text = shown(statement.code[slice(*spans[0])] if spans else b"")
         pose = self._declared.pose("set_tcp", statement, *spans[0]) if spans else Unknown("")
         if isinstance(pose, Literal) and pose.point.values:
@@ -258,12 +289,11 @@ class _Reader(Reader):
             value = InForce("unknown", f"set_tcp({text}) (line {statement.line})")
         else:
             masked[slice(*spans[0])] = b" " * (spans[0][1] - spans[0][0])
-            if pose not in self._tcps:
-                self._tcps.append(pose)
-            value = InForce("unknown", f"set_tcp({text})", self._tcps.index(pose))
+            self._tcps.setdefault(pose, statement.line)
+            value = InForce("unknown", f"set_tcp({text})", list(self._tcps).index(pose))
         self.flow.change(tool=value)
 
-    def _motion(self, m: re.Match[bytes], statement: Statement, masked: bytearray) -> None:
+    def _motion(self, m: re.Match[bytes], statement: Statement, masked: bytearray, begun: int) -> None:
         word, code, line = m[1].decode(), statement.code, statement.line
         if word in AT_RUN_TIME:
             self.other(word, line, Problem("skip", f"{word}: followed at run time"))
@@ -276,38 +306,41 @@ class _Reader(Reader):
         found: list[Point | _Goal] = []
         for k, (a, b) in enumerate(spans):
             name = f"{word}:{line}" + ("" if len(named) == 1 else (" via", " end")[k])
-            found.append(self._goal(name, word, statement, a, b, masked))
+            found.append(self._goal(name, word, statement, (a, b), masked, begun))
         if len(named) == 2:
             self._arcs.append(found)
 
-    def _goal(self, name: str, word: str, statement: Statement, a: int, b: int, masked: bytearray) -> Point | _Goal:
-        line, text = statement.line, statement.code[a:b]
+    def _goal(
+        self, name: str, word: str, statement: Statement, span: Span, masked: bytearray, begun: int
+    ) -> Point | _Goal:
+        (a, b), line, text = span, statement.line, statement.code[slice(*span)]
+        nodes = [self.flow.node, begun] if INVERSE.search(text) else [self.flow.node]
         pose = self._declared.pose(name, statement, a, b)
         use = self.use(word, line, None, _BASE)
         if isinstance(pose, Literal):
-            self._inline.append((pose.point, use, self.flow.node))
+            self._inline.append((pose.point, use, nodes))
             return pose.point
         if isinstance(pose, Unknown):
             joints = read_joints(self.source, name, statement.start + a, statement.start + b, line)
             if joints is not None:
-                self._inline.append((joints, use, self.flow.node))
+                self._inline.append((joints, use, nodes))
                 return joints
             return self.other(word, line, JOINTS if text.startswith(b"[") else computed(shown(text)), name)
         masked[a:b] = b" " * (b - a)
-        self._goals.append(_Goal(pose, use, line, self.flow.node, name))
+        self._goals.append(_Goal(pose, use, line, nodes, name))
         return self._goals[-1]
 
     def _attach(self, ambient: State) -> None:
         """Give the points their uses, when all of the program is known."""
         in_runs = {id(run.point) for run in self._runs}
-        for point, use, node in self._inline:
-            point.uses.append(self._with_tool(use, [node], ambient))
+        for point, use, nodes in self._inline:
+            point.uses.append(self._with_tool(use, nodes, ambient))
             if id(point) not in in_runs:
                 self.points.append(point)
         self._variables.settle([*(goal.pose for goal in self._goals)])
-        for pose in self._tcps:
-            if any(self._variables.is_goal(key) for key in keys(pose)):
-                self._read(pose, 1, "used as a TCP")
+        for pose, line in self._tcps.items():
+            if any(self._variables.is_goal(key) for key in self._variables.closure(pose)):
+                self._read(pose, line, "used as a TCP")
         for alias in self._declared.aliases.values():
             if not self._variables.is_goal(alias.key) or self._variables.table[alias.key].meaning is None:
                 self._read(alias.pose, alias.line, READ)
@@ -330,6 +363,8 @@ class _Reader(Reader):
             variable = self._variables.table[one.key]
             if self._variables.is_goal(one.key) and not variable.writes:
                 problem = is_followed(self._variables, one.pose)
+                if problem is not None:
+                    self._read(one.pose, one.line, READ)
             elif not (variable.reads or variable.writes):
                 continue  # a feature or a TCP, or nothing at all
             else:
@@ -341,14 +376,9 @@ class _Reader(Reader):
 
     def _read(self, pose: Pose, line: int, how: str) -> None:
         """Note that the program reads the variables of an expression, and those that give them their values."""
-        waiting, seen = [(pose, how)], set[str]()
-        while waiting:
-            pose, how = waiting.pop()
-            for key in set(keys(pose)) - seen:
-                seen.add(key)
-                if (variable := self._variables.table.get(key)) is not None:
-                    variable.reads.append((line, how))
-                    waiting += [(one, READ) for one in variable.given]
+        direct = set(keys(pose))
+        for key in self._variables.closure(pose):
+            self._variables.table[key].reads.append((line, how if key in direct else READ))
 
     def _arrive(self, goal: _Goal, ambient: State) -> list[Point]:
         """Add a motion to the points that it goes to, and return these."""
@@ -360,7 +390,7 @@ class _Reader(Reader):
             self.points += goal.points
             self._read(goal.pose, line, READ)
             return []
-        use = self._with_tool(goal.use, [goal.node, *self._variables.solved_at(goal.pose)], ambient)
+        use = self._with_tool(goal.use, [*goal.nodes, *self._variables.solved_at(goal.pose)], ambient)
         for k, way in enumerate(ways):
             place = way.caller or use
             frame = way.frame or use.frame
@@ -401,7 +431,7 @@ class _Reader(Reader):
         """Return the numbers of a TCP that the program names."""
         if value.number is None:
             return value
-        tf = self._variables.constant(self._tcps[value.number])
+        tf = self._variables.constant(list(self._tcps)[value.number])
         if tf is None:
             return value._replace(number=None)
         rotvec = Rotation.from_matrix(tf[:3, :3]).as_rotvec()

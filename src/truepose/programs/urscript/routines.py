@@ -2,9 +2,22 @@
 
 from __future__ import annotations
 
+from itertools import chain
+
 from truepose.programs.core.forms import RunFinder
 from truepose.programs.core.source import Source
-from truepose.programs.urscript.syntax import ASSIGN, BLOCK, NAME, ROUTINE, RUN, WORD, Statement, statements
+from truepose.programs.urscript.syntax import (
+    ASSIGN,
+    BLOCK,
+    NAME,
+    ROUTINE,
+    RUN,
+    WORD,
+    Statement,
+    arguments,
+    split,
+    statements,
+)
 
 
 class Routines:
@@ -23,6 +36,10 @@ class Routines:
         The parameters of each function.
     threads : list of str
         The names of the threads.
+    defaults : dict of str to list of Statement
+        The expressions that parameters of each routine have by default.
+    outer : dict of str to str
+        The routine around each.
     own : set of str
         The keys of all variables that the program assigns or has as parameters.
     current : str
@@ -35,23 +52,24 @@ class Routines:
         self.threads: list[str] = []
         self.own: set[str] = set()
         self.current = ""
+        self.defaults: dict[str, list[Statement]] = {"": []}
+        self.outer: dict[str, str] = {}
         self._locals: dict[str, set[str]] = {"": set()}
-        self._outer: dict[str, str] = {}
         self._optional: set[str] = set()
         self._source = source
         self._read()
 
     def _read(self) -> None:
         error, stack = self._source.error, list[tuple[str, str, int]]()
-        for statement in statements(self._source, RunFinder(self._source, RUN).find):
+        for statement in chain.from_iterable(map(split, statements(self._source, RunFinder(self._source, RUN).find))):
             code, line = statement.code, statement.line
             owner = next((name for kind, name, _ in reversed(stack) if kind == "def"), "")
             word = m[1] if (m := WORD.match(code)) else b""
-            if m := ROUTINE.match(code):
+            if (m := ROUTINE.match(code)) and code.rstrip().endswith(b":"):
                 name = m[2].decode()
                 if name in self.bodies:
                     raise error(line, f"{name} is defined twice; give one another name")
-                self._begin(m[1], name, m[3], owner)
+                self._begin(m[1], name, owner, statement, m.end())
                 stack.append(("def", name, line))
             elif word == b"end" and code.strip() == b"end":
                 if not stack:
@@ -67,18 +85,24 @@ class Routines:
             kind, name, line = stack[-1]
             raise error(line, f"{kind} {name}".strip() + " has no end: the file is truncated")
 
-    def _begin(self, word: bytes, name: str, inside: bytes, owner: str) -> None:
-        parts = inside.decode("latin-1").split(",")
-        parameters = [part.split("=")[0].strip() for part in parts]
-        self.bodies[name] = []
-        self._outer[name] = owner
+    def _begin(self, word: bytes, name: str, owner: str, statement: Statement, start: int) -> None:
+        code = statement.code
+        parameters = []
+        self.bodies[name], self.defaults[name] = [], []
+        for a, b in arguments(code, start):
+            key, sign, _ = code[a:b].partition(b"=")
+            parameters.append(key.decode("latin-1").strip())
+            if sign:
+                self._optional.add(f"{name}.{parameters[-1]}")
+                a += len(key) + 1
+                self.defaults[name].append(statement._replace(start=statement.start + a, code=code[a:b]))
+        self.outer[name] = owner
         self._locals[name] = set(parameters)
         self.own |= {f"{name}.{parameter}" for parameter in parameters}
         if word == b"thread":
             self.threads.append(name)
         elif word == b"def":
             self.parameters[name] = parameters
-            self._optional |= {f"{name}.{key}" for key, part in zip(parameters, parts, strict=True) if "=" in part}
 
     def passed(self) -> list[str]:
         """Return the keys of the parameters that every call must pass."""
@@ -89,7 +113,7 @@ class Routines:
         """Return the variable that a name means here: that of the routine if it is its own, else of the program."""
         routine = self.current
         while routine and name not in self._locals[routine]:
-            routine = self._outer[routine]
+            routine = self.outer[routine]
         return f"{routine}.{name}" if routine else name
 
     def declare_locals(self) -> list[tuple[str, int, str]]:
@@ -98,7 +122,7 @@ class Routines:
         for routine, body in self.bodies.items():
             for statement in body:
                 if routine and (m := ASSIGN.match(statement.code)) and m[1] == b"local":
-                    self.current = self._outer[routine]
+                    self.current = self.outer[routine]
                     hidden.append((self.key(m[2].decode()), statement.line, "hidden by a local variable"))
                     self._locals[routine].add(m[2].decode())
         return hidden
@@ -107,7 +131,7 @@ class Routines:
         """Return the threads, and the routines that another routine calls."""
         found = set(self.threads)
         for routine, body in self.bodies.items():
-            for statement in body:
+            for statement in [*self.defaults[routine], *body]:
                 names = {m[1].decode() for m in NAME.finditer(statement.code) if m[2]}
                 found |= (names & self.bodies.keys()) - {routine}
         return found

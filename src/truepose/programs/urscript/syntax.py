@@ -9,24 +9,32 @@ from typing import Final, NamedTuple
 from truepose.programs.core.forms import BLANKS, NUMBER, Lines
 from truepose.programs.core.source import Source, Span, strip
 
+_BRACKET: Final = re.compile(rb"[()\[\]]")
+_HEAD: Final = rb"(?:def|thread|sec|if|elif|else|while)"
+_WORDS: Final = rb"(?<![\w.])(?:" + _HEAD + rb"|end|break|continue|return|halt)(?!\w)"
+_SEVERAL: Final = re.compile(rb";|:\s*\S|(?<=[^\s.])\s*" + _WORDS)
+"""What a line with several statements has."""
+_CUT: Final = re.compile(rb"[()\[\]:;]|" + _WORDS)
 _PIECE = re.compile(
     rb"#[^\r\n]*|\"[^\"\r\n]*\"|'[^'\r\n]*'|(?P<open>[\"'])|(?P<end>\r\n|[\r\n])|(?P<bracket>[()\[\]])", re.S
 )
-ROUTINE = re.compile(rb"\s*(def|thread|sec)\s+(\w+)\s*\(([^)]*)\)\s*:")
-BLOCK = re.compile(rb"\s*(if|elif|else|while)\b.*:\s*$", re.S)
+ROUTINE = re.compile(rb"\s*(def|thread|sec)\s+(\w+)\s*\(")
+BLOCK = re.compile(rb"\s*(if|elif|else\s+if|else|while)\b.*:\s*$", re.S)
 WORD = re.compile(rb"\s*(\w+)")
 ASSIGN = re.compile(rb"\s*(?:(global|local)\s+)?([A-Za-z_]\w*)\s*(\[[^\]]*\])?\s*=(?!=)\s*")
 VARIABLE = re.compile(rb"[A-Za-z_]\w*")
 NAME = re.compile(rb"(?<![\w.])([A-Za-z_]\w*)(\s*\()?")
-KEYWORD = re.compile(rb"[(,]\s*[A-Za-z_]\w*\s*=(?!=)")
+KEYWORD = re.compile(rb"(?<=[(,])\s*[A-Za-z_]\w*\s*=(?!=)")
 ARGUMENT = re.compile(rb"([A-Za-z_]\w*)\s*=(?!=)\s*")
 """The name of an argument of a call."""
-COUNT = re.compile(rb"(?<![\w.])(?:size|length|get_list_length)\s*\(\s*[A-Za-z_]\w*\s*\)")
+COUNT = re.compile(rb"(?<![\w.])(size|length|get_list_length)\s*\(\s*[A-Za-z_]\w*\s*\)")
 """The length of a list."""
-MOTION = re.compile(rb"(?<![\w.])(move[jlpc]|servo[jclp]|speed[jl]|optimove[jl]|movej_\w+|movel_\w+)\s*\(")
+MOTION = re.compile(rb"(?<![\w.])(move[jlpc]|servo[jclp]|speed[jl]|optimove[jl])\s*\(")
 STRANGE = re.compile(rb"(?<![\w.])(\w*(?:move|servo)\w*)\s*\(\s*p\s*\[")
 AT_RUN_TIME: Final = frozenset(["servoj", "servol", "servop", "servoc", "speedl", "speedj"])
-TCP = re.compile(rb"(?<![\w.])set_tcp\s*\(")
+_OPERATORS: Final = frozenset([b"if", b"elif", b"while", b"return", b"and", b"or", b"xor", b"not"])
+SHORTENED: Final = re.compile(rb"(?<![\w.])(?:and|or)(?!\w)")
+"""Behind these words an expression may be left out."""
 POSE = re.compile(rb"p\s*\[")
 TAKES_POSES: Final = re.compile(
     r"add_frame|attach_frame|convert_pose|end_force_mode|force_mode|get_forward_kin|get_inverse_kin|"
@@ -115,6 +123,49 @@ def _to_next_run(
     if code.strip():
         yield Statement(source.line(start + len(code) - len(code.lstrip())), start, end, code)
     return end, None
+
+
+def split(statement: Statement) -> Iterator[Statement]:
+    """Yield the statements of a line that holds several, such as ``if x: set_tcp(t) end``; usually the line itself."""
+    code = statement.code
+    if not _SEVERAL.search(code):
+        yield statement
+        return
+    start = depth = 0
+    for m in _CUT.finditer(code):
+        before = code[start : m.start()].strip()
+        if m[0] in b"()[]":
+            depth += 1 if m[0] in b"([" else -1
+        elif (
+            depth
+            or (m[0] == b":" and not re.match(_HEAD + rb"(?!\w)", before))
+            or (m[0] == b"if" and before == b"else")
+        ):
+            continue
+        else:
+            cut = m.end() if m[0] in b":;" else m.start()
+            if before:
+                yield _piece(statement, start, cut if m[0] == b":" else m.start())
+            start = cut
+    if code[start:].strip():
+        yield _piece(statement, start, len(code))
+
+
+def _piece(statement: Statement, start: int, end: int) -> Statement:
+    return statement._replace(start=statement.start + start, code=statement.code[start:end])
+
+
+def calls(code: bytes) -> list[re.Match[bytes]]:
+    """Return the calls in a statement in the order in which they are made: arguments before their function."""
+    at = {m.end() - 1: m for m in NAME.finditer(code) if m[2] and m[1] not in _OPERATORS}
+    found: list[re.Match[bytes]] = []
+    opened: list[re.Match[bytes] | None] = []
+    for bracket in _BRACKET.finditer(code) if at else ():
+        if bracket[0] in b"([":
+            opened.append(at.get(bracket.start()))
+        elif opened and (m := opened.pop()) is not None:
+            found.append(m)
+    return found
 
 
 def arguments(code: bytes, start: int) -> list[Span]:

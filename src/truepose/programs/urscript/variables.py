@@ -260,13 +260,15 @@ class Variables:
 
     def solved_at(self, pose: Pose) -> set[int]:
         """Return the nodes at which the joints of a pose are computed, where that is not in the motion itself."""
-        found, waiting, seen = set[int](), [pose], set[str]()
+        return {node for key in self.closure(pose) for node in self.table[key].solved}
+
+    def closure(self, pose: Pose) -> set[str]:
+        """Return the keys of the variables in an expression, and of all those that give them their values."""
+        found, waiting = set[str](), [pose]
         while waiting:
-            for key in set(keys(waiting.pop())) - seen:
-                seen.add(key)
-                if (variable := self.table.get(key)) is not None:
-                    found.update(variable.solved)
-                    waiting += variable.given
+            new = {key for key in keys(waiting.pop()) if key in self.table} - found
+            found |= new
+            waiting += [one for key in new for one in self.table[key].given]
         return found
 
     def _frame(self, pose: Pose, tf: FloatArray) -> Frame:
