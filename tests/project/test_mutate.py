@@ -147,7 +147,7 @@ def test_a_sample_takes_files_in_turn_and_is_part_of_a_larger_one() -> None:
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked")
 def test_a_tiny_package(tmp_path: Path) -> None:
-    """What is killed by which tier, what survives, what is reviewed; and a second run tries nothing again that is known."""
+    """What each tier kills, what survives, what is reviewed; a second run tries again only what it is asked for."""
     (tmp_path / "src" / "tiny").mkdir(parents=True)
     (tmp_path / "src" / "tiny" / "__init__.py").touch()
     (tmp_path / "src" / "tiny" / "guard.py").write_text(GUARD, "utf-8")
