@@ -401,3 +401,18 @@ def test_a_stated_station_needs_three_readings_of_as_many_positions() -> None:
         register_known(np.eye(4), p[:2], p[:2])
     with pytest.raises(DataError, match="3 commanded and 2 measured positions"):
         register_known(np.eye(4), p, p[:2])
+
+
+@pytest.mark.parametrize(
+    ("guess", "message"),
+    [
+        ([np.nan, 0.0, 100.0], "p_flange_tool has NaN or infinite numbers"),
+        ([0.0, 100.0], r"p_flange_tool has shape \(2,\), expected \(3,\)"),
+    ],
+)
+def test_an_estimate_of_the_tool_has_three_finite_numbers(
+    rng: np.random.Generator, guess: list[float], message: str
+) -> None:
+    s = make_station(rng)
+    with pytest.raises(DataError, match=message):
+        register_with_tool(s.flange, s.p_measured, guess)

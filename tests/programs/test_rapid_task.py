@@ -175,6 +175,10 @@ def test_error_handlers(tmp_path: Path) -> None:
     assert judged(task(tmp_path, called, undo)) == ["refuse"]
     setting = module("A", "", f"{MOVE}\nERROR\nPDispSet d;\nTRYNEXT;", routine="main")
     assert judged(task(tmp_path, setting)) == ["refuse"]
+    # of several handlers, the one that sets a displacement is the one that goes on with it
+    harmless = module("A", "", f"rB;\n{MOVE}\nERROR\nRETRY;", routine="main")
+    assert judged(task(tmp_path, harmless, module("B", "", "ERROR\nPDispSet d;\nTRYNEXT;"))) == ["refuse"]
+    assert judged(task(tmp_path, harmless, module("B", "", "ERROR\nTRYNEXT;"))) == ["correct"]
 
 
 def test_a_main_program_runs_in_cycles(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -144,8 +145,9 @@ def test_a_sample_takes_files_in_turn_and_is_part_of_a_larger_one() -> None:
     assert sample(changes, sources, 2, 99) != all_
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked")
 def test_a_tiny_package(tmp_path: Path) -> None:
-    """What is killed by which tier, what survives, what is reviewed; and a second run does nothing again."""
+    """What each tier kills, what survives, what is reviewed; a second run tries again only what it is asked for."""
     (tmp_path / "src" / "tiny").mkdir(parents=True)
     (tmp_path / "src" / "tiny" / "__init__.py").touch()
     (tmp_path / "src" / "tiny" / "guard.py").write_text(GUARD, "utf-8")
@@ -190,7 +192,6 @@ def test_a_tiny_package(tmp_path: Path) -> None:
     assert f"  -{line}\n  +{line.replace('9', '8')}\n" in shown
     assert (tmp_path / "src" / "tiny" / "guard.py").read_text("utf-8") == GUARD
 
-    assert "9 mutants, 0 of them to be tried" in tool("run", "--number", "99")
     assert "9 mutants, 1 of them to be tried" in tool("run", "--number", "99", "--again", "survived")
 
 

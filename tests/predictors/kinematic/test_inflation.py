@@ -7,10 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from truepose.geometry import make_transform
+from truepose.predictors.folds import random_folds
+from truepose.predictors.kinematic import KinematicKriging
 from truepose.predictors.kinematic import inflation as module
 from truepose.predictors.kinematic.design import Design
+from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.inflation import Part, inflation
+from truepose.robots import load_robot
 
 K = 6
 START: Any = SimpleNamespace(hyper=SimpleNamespace(to_vector=lambda: np.zeros(K)))
@@ -93,3 +99,26 @@ def test_of_many_samples_250_make_the_folds_and_350_the_degrees_of_freedom(folds
     asked = folds(0.1, 1.0)
     assert found(part(400), 2.0) == plus_one_standard_error(2.0 * 1050 / (1050 - K), 750)
     assert asked == [250]
+
+
+def test_a_fold_is_predicted_from_the_others_with_their_hyperparameters(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As by a fit of the others, but for terms of second order, with the noise of the readings and the weights."""
+    rng = np.random.default_rng(3)
+    robot, tool = load_robot("kuka-kr210-r2700-extra"), make_transform(Rotation.identity(), [110.0, 20.0, 360.0])
+    q = np.deg2rad([0, -75, 95, 10, 50, 20]) + rng.uniform(-0.5, 0.5, (25, 6))
+    e, reading, weight = rng.normal(scale=0.2, size=(25, 3)), rng.uniform(0.01, 0.05, (25, 3)), rng.uniform(0.1, 1, 25)
+    hyper = Hyperparameters.start(6, 6, noise=0.02)
+
+    def fitted(rows: Any) -> KinematicKriging:
+        model = KinematicKriging(robot, tool, hyper=hyper.to_dict(), weight=weight[rows], joints=range(6))
+        return model.fit(q[rows], e[rows], noise_std=reading[rows])
+
+    whole = fitted(slice(None))
+    samples = Part(whole._terms, whole._terms.at(q), np.arange(6), e, reading, weight)
+    monkeypatch.setattr(module, "search_near", lambda *_, **__: (SimpleNamespace(hyper=hyper),))
+    residual, variance = module.fold_residuals(samples, START, 7)
+    fold = random_folds(25, 5, rng=7)
+    for k in range(5):
+        mean, std = fitted(fold != k).predict(q[fold == k], return_std=True)
+        np.testing.assert_allclose(residual[fold == k], e[fold == k] - mean, atol=2e-3)
+        np.testing.assert_allclose(variance[fold == k], std**2 + hyper.noise**2, rtol=1e-2)
