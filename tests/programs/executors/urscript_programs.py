@@ -13,7 +13,22 @@ CONSTRUCTS = (
 
 OF_FUNCTIONS = (
     "argument", "named", "optional", "tcp-argument", "return", "like-a-motion", "inner", "twice", "order", "local",
+    "condition",
 )  # fmt: skip
+THEMES = (
+    ("argument", "measured", "shift"), ("argument", "feature", "number"), ("thread", "force", "function"),
+    ("thread", "tcp", "function"), ("loop", "jump", "branch", "tcp"), ("loop", "jump", "branch", "force"),
+    ("tcp-argument", "argument"), ("named", "tcp"), ("optional", "argument"), ("like-a-motion", "argument"),
+    ("condition", "branch", "tcp"), ("condition", "loop", "tcp"), ("order", "tcp", "function"), ("logic", "condition"),
+    ("inverse", "number"), ("inverse", "tcp"), ("copy", "branch"), ("copy", "write", "shift"), ("list", "loop"),
+    ("list", "copy", "write"), ("number", "branch"), ("inner", "argument"), ("local", "inner"), ("return", "argument"),
+    ("output", "argument"), ("circle", "feature"), ("joints", "argument"), ("one-line", "tcp"), ("twice", "tcp"), (),
+)  # fmt: skip
+"""Constructs that are misread together."""
+
+
+Function = tuple[str, list[tuple[str, str]], bool]
+"""The name, the names and kinds of the parameters, and whether it returns a pose."""
 
 
 class Writer:
@@ -27,7 +42,8 @@ class Writer:
 
     def __init__(self, random: Random) -> None:
         self._random = random
-        self._on = set(random.sample(CONSTRUCTS, random.randrange(2, 9)))
+        self._theme = random.choice(THEMES)
+        self._on = {*self._theme, *random.sample(CONSTRUCTS, random.randrange(4))}
         if not self._on.isdisjoint(OF_FUNCTIONS):
             self._on.add("function")
         self._lines: list[str] = []
@@ -37,12 +53,12 @@ class Writer:
         self._features: list[str] = []
         self._lists: list[str] = []
         self._joints: list[str] = []
-        self._functions: list[tuple[str, list[str], bool]] = []
+        self._functions: list[Function] = []
         self._threads: list[str] = []
         self._loops = self._count = self._left = 0
 
     def _is(self, construct: str, chance: float = 1.0) -> bool:
-        return construct in self._on and self._random.random() < chance
+        return construct in self._on and self._random.random() < chance * (1.6 if construct in self._theme else 1.0)
 
     def _put(self, depth: int, text: str) -> None:
         self._lines.append("  " * depth + text)
@@ -96,12 +112,12 @@ class Writer:
         """Return an expression of a pose."""
         random = self._random
         if deep < 2:
-            if self._is("feature", 0.25):
+            if self._is("feature", 0.1):
                 return f"pose_trans({random.choice(self._features)},{self._pose(deep + 1)})"
-            if self._is("shift", 0.2):
+            if self._is("shift", 0.07):
                 by = "off" if self._is("measured", 0.4) else self._constant()
                 return f"{random.choice(['pose_add', 'pose_trans'])}({self._pose(deep + 1)},{by})"
-            if self._is("measured", 0.06):
+            if self._is("measured", 0.03):
                 return f"pose_{random.choice(['add', 'trans'])}(off,{self._pose(deep + 1)})"
             if self._is("shift", 0.04):
                 return f"pose_inv({self._pose(deep + 1)})"
@@ -116,7 +132,7 @@ class Writer:
 
     def _number(self, deep: int = 0) -> str:
         random = self._random
-        if self._is("number", 0.3):
+        if self._is("number", 0.12):
             return f"{random.choice(self._poses)}[{random.randrange(3)}]"
         if self._is("number", 0.1):
             return f"pose_dist({self._pose(2)},{self._pose(2)})"
@@ -134,10 +150,10 @@ class Writer:
             return f"{self._number()} > 0.1"
         return self._random.choice(["get_digital_in(1)", "get_digital_in(2)", "n == 0", "not get_digital_in(3)"])
 
-    def _call(self, function: tuple[str, list[str], bool], deep: int = 0) -> str:
+    def _call(self, function: Function, deep: int = 0) -> str:
         name, kinds, _ = function
         given = []
-        for k, kind in enumerate(kinds):
+        for key, kind in kinds:
             if kind == "optional" and self._random.random() < 0.5:
                 continue
             value = {
@@ -147,7 +163,8 @@ class Writer:
                 "number": lambda: self._number(deep + 1),
                 "feature": lambda: self._random.choice([*self._features, self._literal(), *self._poses[:1]]),
             }[kind]()
-            given.append(f"a{k}={value}" if self._is("named", 0.5) or (given and "=" in given[-1][:3]) else value)
+            named = self._is("named", 0.5) or len(given) < kinds.index((key, kind)) or (given and "=" in given[-1][:3])
+            given.append(f"{key}={value}" if named else value)
         return f"{name}({', '.join(given)})"
 
     def _function(self, depth: int) -> None:
@@ -161,6 +178,8 @@ class Writer:
         ]  # fmt: skip
         kinds += ["optional"] if self._is("optional", 0.6) else []
         keys = [f"a{k}" for k in range(len(kinds))]
+        if self._is("inner", 0.5) and "pose" in kinds:  # hides a variable of the program
+            keys[kinds.index("pose")] = random.choice(["w1", "w2"])
         default = random.choice([*self._poses, "p[0.1,0.2,0.3,0,3,0]"])
         listed = ", ".join(
             key if kind != "optional" else f"{key}={default}" for key, kind in zip(keys, kinds, strict=True)
@@ -187,7 +206,7 @@ class Writer:
         self._put(depth, "end")
         for one, before in zip(self._scopes(), kept, strict=True):
             one[:] = before
-        self._functions.append((name, kinds, gives))
+        self._functions.append((name, list(zip(keys, kinds, strict=True)), gives))
         if self._is("twice", 0.3):
             kept = [list(one) for one in self._scopes()]
             self._put(depth, f"def {name}({listed}):")
@@ -242,15 +261,19 @@ class Writer:
                 self._put(depth, "else:")
                 self._block(depth + 1, random.randrange(1, 3))
             self._put(depth, "end")
-        elif depth < 4 and self._is("loop", 0.15):
+        elif depth < 4 and self._is("loop", 0.2):
             self._put(depth, f"while {self._condition()}:")
             self._loops += 1
             self._block(depth + 1, random.randrange(1, 4))
             self._loops -= 1
             self._put(depth, "end")
+        elif self._is("tcp", 0.12):
+            self._excursion(depth, f"set_tcp({random.choice(TCPS[1:])})", f"set_tcp({TCPS[0]})")
+        elif self._is("force", 0.12):
+            self._excursion(depth, "force_mode()", "end_force_mode()")
         elif self._is("one-line", 0.1):
             self._put(depth, f"if {self._condition()}: {self._simple()} end")
-        elif self._loops and self._is("jump", 0.2):
+        elif self._loops and self._is("jump", 0.3):
             self._put(depth, f"if {self._condition()}:")
             self._put(depth + 1, random.choice(["break", "continue", "continue"]))
             self._put(depth, "end")
@@ -259,10 +282,15 @@ class Writer:
         else:
             self._put(depth, self._simple())
 
+    def _excursion(self, depth: int, begin: str, end: str) -> None:
+        self._put(depth, begin)
+        self._block(depth, self._random.randrange(3))
+        self._put(depth, end)
+
     def _simple(self) -> str:
         """Return a statement of one line."""
         random, name = self._random, self._random.choice(self._poses)
-        if self._is("tcp", 0.2):
+        if self._is("tcp", 0.06):
             return f"set_tcp({random.choice([*TCPS, *self._tcps, *(self._poses if self._is('copy', 0.2) else [])])})"
         if self._functions and random.random() < 0.3:
             return self._call(random.choice(self._functions))
@@ -293,7 +321,7 @@ class Writer:
             return f"movej({random.choice(self._joints)})"
         if self._is("output", 0.12):
             return random.choice([f"textmsg({self._number()})", f"textmsg({self._pose(2)})", f"tell({self._pose(1)})"])
-        if self._is("force", 0.15):
+        if self._is("force", 0.04):
             return random.choice(["force_mode()", "end_force_mode()", "path_offset_enable()", "path_offset_disable()"])
         return self._motion()
 

@@ -69,7 +69,7 @@ class Declarations:
         self._table |= {key: Variable(parameter=True) for key in routines.passed()}
         for name, body in routines.bodies.items():
             routines.current = name
-            for k, statement in enumerate(body):
+            for k, statement in enumerate(() if name in routines.replaced else body):
                 if statement.start not in self.adjusted:
                     self._assign(statement, body[k + 1 : k + 5])
         routines.own |= {key for key, _, _ in self._assigned}
@@ -84,6 +84,7 @@ class Declarations:
         code, line = statement.code, statement.line
         name, start, end = m[2].decode(), m.end(), len(statement.code.rstrip())
         key = self._routines.key(name)
+        self._assigned += [(other, line, "assigned") for other in self._routines.others(name)]
         if m[3]:
             self._assigned.append((key, line, "component set"))
         elif points := self._literals(name, statement, start, end):

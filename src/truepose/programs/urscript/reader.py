@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
 
+import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray
@@ -118,6 +119,7 @@ class _Reader(Reader):
         self._passed: list[_Passed] = []
         self._tcps: dict[Pose, int] = {}
         self._nested: list[int] = []
+        self._started: dict[str, None] = {}
         self._routines = Routines(source)
         self._variables = Variables(self._routines.own, self._stored_base)
         self._declared = Declarations(source, self._routines, self._variables)
@@ -131,8 +133,8 @@ class _Reader(Reader):
             self.flow.begin_routine(name or "(file)", outside=name not in called)
             self._take_defaults(name)
             self._routines.current = name
-            self.body(body, self._take)
-        self.flow.handlers, self.flow.concurrent = self._routines.threads, True
+            self.body(body, self._leave if name in self._routines.replaced else self._take)
+        self.flow.handlers, self.flow.concurrent = list(self._started), True
         self._attach(self.flow.solve())
         arcs = [[[one] if isinstance(one, Point) else one.points for one in arc] for arc in self._arcs]
         self.circles = [[point for points in arc for point in points] for arc in arcs]
@@ -142,6 +144,14 @@ class _Reader(Reader):
         """Return a base that the controller stores; programs see it under its name."""
         tf = self.frames.bases.get(frame_key(name))
         return None if tf is None else invert_transform(self.frames.bases[0]) @ tf
+
+    def _leave(self, statement: Statement) -> None:
+        """List the motions of a function that another definition replaces."""
+        end = statement.end if statement.run is None else statement.run.end
+        for one in statements(self.source, start=statement.start, end=end):
+            for m in MOTION.finditer(one.code):
+                again = f"{self._routines.current} is defined again below, and the controller takes that definition"
+                self.other(m[1].decode(), one.line, Problem("skip", again))
 
     def _take(self, statement: Statement) -> None:
         """Take a statement, or a run of them."""
@@ -223,16 +233,20 @@ class _Reader(Reader):
             self._call(m, statement, masked, begun)
             if left_out:
                 self.flow.end("IF", "IF")
-        # the v of movel(p, v=0.25) is no variable
-        for m in NAME.finditer(KEYWORD.sub(lambda found: b" " * len(found[0]), bytes(masked))):
-            if not m[2] and (key := self._routines.key(m[1].decode())) in table:
+        for name in _names(bytes(masked)):
+            if (key := self._routines.key(name)) in table:
                 table[key].reads.append((line, READ))
+        for name in _names(code):
+            for key in self._routines.others(name):
+                if key in table:
+                    table[key].reads.append((line, "perhaps meant by a function inside another"))
 
     def _call(self, m: re.Match[bytes], statement: Statement, masked: bytearray, begun: int) -> None:
         """Take a call; `begun` is the node of the flow at which its statement begins."""
         name, code = m[1].decode(), statement.code
         if name in self._routines.threads:
             self.flow.start(name)
+            self._started[name] = None
         elif name in self._routines.bodies:
             self._pass(m, statement, masked, begun)
             self.flow.call(name, "")
@@ -442,16 +456,23 @@ class _Reader(Reader):
         if problem := shifts.problem_of(self.flow.states[nodes[0]].shifts | ambient.shifts):
             return use._replace(problem=problem)
         states = [ambient, *(self.flow.states[node] for node in nodes)]
-        values = {self._resolved(value) for state in states for value in state.tool}
+        found = sorted({self._resolved(value) for state in states for value in state.tool}, key=lambda one: one.text)
+        values = {tuple(np.round(value.pose, 9)) if value.pose else value: value for value in found}
         if len(values) > 1:
-            shown = " or ".join(sorted(value.text for value in values)[:2])
+            shown = " or ".join([value.text for value in values.values()][:2])
             return use._replace(problem=Problem("refuse", f"the TCP depends on the way through the program: {shown}"))
-        for value in values:
+        for value in values.values():
             if value.pose is not None:
                 return use._replace(tool=Frame(value.text, None, transform(value.pose).tobytes()))
             if value.kind == "unknown":
                 return use._replace(problem=Problem("refuse", f"the TCP is known at run time only: {value.text}"))
         return use
+
+
+def _names(code: bytes) -> list[str]:
+    """Return the names of variables in a statement; the v of ``movel(p, v=0.25)`` is none."""
+    plain = KEYWORD.sub(lambda found: b" " * len(found[0]), code)
+    return [m[1].decode() for m in NAME.finditer(plain) if not m[2]]
 
 
 def _chosen(code: bytes, spans: list[Span], names: tuple[str, ...]) -> list[Span]:

@@ -40,6 +40,8 @@ class Routines:
         The expressions that parameters of each routine have by default.
     outer : dict of str to str
         The routine around each.
+    replaced : list of str
+        The functions that are defined again below, so that these definitions never count.
     own : set of str
         The keys of all variables that the program assigns or has as parameters.
     current : str
@@ -55,20 +57,29 @@ class Routines:
         self.defaults: dict[str, list[Statement]] = {"": []}
         self.outer: dict[str, str] = {}
         self._locals: dict[str, set[str]] = {"": set()}
+        self.replaced: list[str] = []
         self._optional: set[str] = set()
+        self._owners: dict[str, str] = {}
+        self._first: dict[str, list[str]] = {}
         self._source = source
         self._read()
 
     def _read(self) -> None:
         error, stack = self._source.error, list[tuple[str, str, int]]()
-        for statement in chain.from_iterable(map(split, statements(self._source, RunFinder(self._source, RUN).find))):
+        found = statements(self._source, RunFinder(self._source, RUN).find)
+        whole = list(chain.from_iterable(map(split, found)))
+        last = {m[2].decode(): s.start for s in whole if (m := ROUTINE.match(s.code))}
+        for statement in whole:
             code, line = statement.code, statement.line
             owner = next((name for kind, name, _ in reversed(stack) if kind == "def"), "")
             word = m[1] if (m := WORD.match(code)) else b""
             if (m := ROUTINE.match(code)) and code.rstrip().endswith(b":"):
                 name = m[2].decode()
-                if name in self.bodies:
+                if self._owners.setdefault(name, owner) != owner or name in self.bodies:
                     raise error(line, f"{name} is defined twice; give one another name")
+                if last[name] != statement.start:  # the controller takes the last one
+                    name = f"{name} (line {line})"
+                    self.replaced.append(name)
                 self._begin(m[1], name, owner, statement, m.end())
                 stack.append(("def", name, line))
             elif word == b"end" and code.strip() == b"end":
@@ -84,6 +95,7 @@ class Routines:
         if stack:
             kind, name, line = stack[-1]
             raise error(line, f"{kind} {name}".strip() + " has no end: the file is truncated")
+        self._different = any(any(self._locals[owner]) for owner in self.outer.values())
 
     def _begin(self, word: bytes, name: str, owner: str, statement: Statement, start: int) -> None:
         code = statement.code
@@ -116,6 +128,19 @@ class Routines:
             routine = self.outer[routine]
         return f"{routine}.{name}" if routine else name
 
+    def others(self, name: str) -> list[str]:
+        """Return other variables that a name may mean here.
+
+        The manual says that a function inside another sees the variables of the program, not those of the other one,
+        and that local variables of the program itself are seen by all functions.
+        """
+        if not self._different:
+            return []
+        key = self.key(name)
+        if key == name:
+            return [f"{routine}.{name}" for routine in self._first.get(name, [])]
+        return [] if key == f"{self.current}.{name}" else [name]
+
     def declare_locals(self) -> list[tuple[str, int, str]]:
         """Note the local variables; return the outer variables that they hide, as (key, line, how)."""
         hidden = []
@@ -125,6 +150,9 @@ class Routines:
                     self.current = self.outer[routine]
                     hidden.append((self.key(m[2].decode()), statement.line, "hidden by a local variable"))
                     self._locals[routine].add(m[2].decode())
+                    self._different = True
+                    if not self.current:
+                        self._first.setdefault(m[2].decode(), []).append(routine)
         return hidden
 
     def called(self) -> set[str]:
