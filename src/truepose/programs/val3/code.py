@@ -236,9 +236,9 @@ class ProgramCode:
             for start, end in self.arguments(m.end(), min(m.end() + 1000, len(self.data))):
                 if self.reference(start, end) is not None and (found := self.array(start, end)) is not None:
                     yield found, self.source.line(start)
-        for pattern, some in ((_SET_FRAME, slice(3, None)), (_LINK, slice(1))):
+        for pattern, written in ((_SET_FRAME, slice(3, None)), (_LINK, slice(1))):
             for m in pattern.finditer(self.data):
-                for start, end in self.arguments(m.end(), min(m.end() + 1000, len(self.data)))[some]:
+                for start, end in self.arguments(m.end(), min(m.end() + 1000, len(self.data)))[written]:
                     if (found := self.reference(start, end)) is not None:
                         yield found, self.source.line(start)
 
