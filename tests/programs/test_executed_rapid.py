@@ -35,7 +35,7 @@ def execute_all(folder: Path, seeds: range) -> None:
 
 
 def test_random_programs(tmp_path: Path) -> None:
-    execute_all(tmp_path, range(24))
+    execute_all(tmp_path, range(16))
 
 
 @pytest.mark.exhaustive

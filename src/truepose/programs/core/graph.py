@@ -85,17 +85,48 @@ class Ways:
         for node, followers in enumerate(self._next):
             for follower in followers:
                 self._before[follower].append(node)
-        failed = len(graph.routines)
-        self._next += [[] for _ in range(1 + failed)]
-        self._before += [[] for _ in range(failed)]
+        self._next.append([])
         owners = sorted((first, last, name) for name, (first, last, _) in graph.routines.items())
         self._owner: dict[int, str] = {n: name for first, last, name in owners for n in range(first, last + 1)}
         self._callers: dict[str, set[str]] = {}
         for name, before, _ in graph.calls:
             self._callers.setdefault(name, set()).add(self._owner.get(before, ""))
         self._anytime = self._reached(graph.handlers)
+        self._link_errors()
         self._later: dict[int, list[int]] = {}
         self._earlier: dict[int, list[int]] = {}
+
+    def _link_errors(self) -> None:
+        """Link the places where an error may happen with the handlers, and with the calls behind which these go on.
+
+        An error leaves routines, from wherever they are, up to a caller that handles it.
+        """
+        graph = self._graph
+        if not graph.parts:
+            return
+
+        def link(node: int, follower: int) -> None:
+            self._next[node].append(follower)
+            self._before[follower].append(node)
+
+        failed = {name: self._hub + 1 + k for k, name in enumerate(graph.routines)}
+        self._next += [[] for _ in failed]
+        self._before += [[] for _ in failed]
+        for name, (first, last, _) in graph.routines.items():
+            for node in range(first, last + 1):
+                link(node, failed[name])
+        parts = [(self._owner.get(first, ""), first, goes_back) for first, _, goes_back in graph.parts]
+        going_back = {name for name, _, goes_back in parts if goes_back}
+        for name, before, behind in graph.calls:
+            caller = self._owner.get(before, "")
+            if name in failed and caller in failed:
+                link(failed[name], failed[caller])
+            if name in failed and caller in going_back:
+                link(failed[name], before)
+                link(failed[name], behind)
+        for name, first, _ in parts:
+            if name in failed:
+                link(failed[name], first)
 
     def _reached(self, names: Iterable[str]) -> set[str]:
         """Return routines with all that they call."""
@@ -134,7 +165,6 @@ class Ways:
                 first, last, _ = graph.routines[name]
                 for node in range(first, last + 1):
                     self._link(node, behind)
-        self._link_errors([name for name in sorted(touched) if name in graph.routines])
         ends = [(graph.routines[name], name) for name in sorted(touched) if name in graph.routines]
         for (first, _, exits), name in ends:  # what is left from one start is there at the next
             if name in graph.starts or name not in self._callers:
@@ -142,31 +172,6 @@ class Ways:
                 for node in exits:
                     self._link(node, self._hub)
         return True
-
-    def _link_errors(self, touched: Collection[str]) -> None:
-        """Link the places where an error may happen with the handlers, and with the calls behind which these go on.
-
-        An error leaves routines up to a caller that handles it, from wherever they were.
-        """
-        parts = [(self._owner.get(first, ""), first, back) for first, _, back in self._graph.parts]
-        parts = [one for one in parts if one[0] in touched]
-        if not parts:
-            return
-        failed = {name: self._hub + 1 + k for k, name in enumerate(touched)}
-        for name, node in failed.items():
-            first, last, _ = self._graph.routines[name]
-            for one in range(first, last + 1):
-                self._link(one, node)
-        going_on = {name for name, _, back in parts if back}
-        for name, before, behind in self._graph.calls:
-            caller = self._owner.get(before, "")
-            if name in failed and caller in failed:
-                self._link(failed[name], failed[caller])
-            if name in failed and caller in going_on:
-                self._link(failed[name], before)
-                self._link(failed[name], behind)
-        for name, first, _ in parts:
-            self._link(failed[name], first)
 
     def _link(self, node: int, follower: int) -> None:
         self._later.setdefault(node, list(self._next[node])).append(follower)
