@@ -151,6 +151,7 @@ class Flow:
         self._aborted: list[tuple[list[str], int]] = []
         self._callees: dict[str, set[str]] = {}
         self._left_by_handlers: frozenset[FdatFrames] = frozenset()
+        self._beside: list[tuple[int, list[int]]] = []
         self.states: list[State] = []
         self.graph: Graph | None = None
         self._loops: dict[int, tuple[Counter, int, int]] = {}
@@ -439,6 +440,9 @@ class Flow:
         started = self._connect_started()
         if started or ambient.fdat:
             self._follow(first - (started - self._open))
+        for others, nodes in self._beside:  # what others set meanwhile may be in force anywhere in a thread
+            for node in nodes:
+                self.states[node] = self.states[node].join(self.states[others])
         return ambient
 
     def _connect_aborted(self, changing: set[str]) -> None:
@@ -495,11 +499,11 @@ class Flow:
         """
         entries = {name: self._routines[name][0] for name, _ in self._started if name in self._routines}
         inner = dict(entries)
-        if self.concurrent:  # what others set meanwhile may be in force anywhere in it
-            for name in entries:
-                nodes = self._run_by(name)
+        if self.concurrent:
+            for name, entry in entries.items():
                 inner[name] = self._new()
-                self._nodes[inner[name]].followers = nodes
+                self._nodes[self.node].followers.append(entry)
+                self._beside.append((self.node, self._run_by(name)))
         done: set[tuple[int, int]] = set()
         size = -1
         while size != len(done):  # one that interrupts another follows what the other follows
