@@ -16,6 +16,7 @@ from pathlib import Path
 from types import FunctionType
 
 ROOT = Path(__file__).parents[1]
+_OLD = 86400.0  # s
 _STALE = 900.0  # s; a worker that has made a folder for longer was killed
 
 
@@ -36,7 +37,7 @@ def kept(name: str, make: FunctionType) -> Path:
     folder, lock, done = top / name, top / f"{name}.lock", top / f"{name}.done"
     top.mkdir(parents=True, exist_ok=True)
     for old in top.parent.iterdir():
-        if old != top:
+        if old != top and time.time() - old.stat().st_mtime > _OLD:  # a run that began before may use it
             shutil.rmtree(old, ignore_errors=True)
     while not done.exists():
         try:

@@ -37,7 +37,16 @@ END
 """
 NO_REASON = {
     *("--match", "--unit", "--register", "--uncertainty", "--tolerance", "--cell", "--config-dat", "--force"),
-    *("--other-maker", "--controller", "--whole", "--in-place", "--out", "--keep-going", "--accept-weak-map"),
+    *(
+        "--other-maker",
+        "--other-robot",
+        "--controller",
+        "--whole",
+        "--in-place",
+        "--out",
+        "--keep-going",
+        "--accept-weak-map",
+    ),
 }
 """Options of messages that are no reasons of targets."""
 

@@ -17,4 +17,4 @@ def test_nothing_but_corrected_targets_moves(tmp_path: Path) -> None:
 @pytest.mark.exhaustive
 def test_further_programs(tmp_path: Path) -> None:
     programs, count = try_programs(tmp_path, VAL3, for_a_while())
-    assert count > programs
+    assert count > programs // 2

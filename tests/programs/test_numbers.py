@@ -63,6 +63,8 @@ def test_forms_of_numbers(tmp_path: Path, make_map: Any, name: str, record_prope
             corrected = correct_program(path, make_map([0.25, 0.5, -0.125]), frames=FRAMES, options=options)
         except TrueposeError:
             continue
+        if name.endswith(".mod"):
+            form = form.rstrip("\u00a0")  # a blank in RAPID, whatever wrote it
         number = value(form[:1] if name.endswith(".nc") and form == "1f5" else form)  # F5
         for target in moved:
             if target.xyz is not None and target.xyz[2] != 0:  # not the start of the G-code

@@ -49,6 +49,7 @@ class Clone:
         shutil.copy(ROOT / FILE, root / FILE)
         for name in ("pyproject.toml", *ARCHIVED):
             shutil.copy(ROOT / name, root / name)
+        (root / ".gitignore").write_text("__pycache__/\n", "utf-8")
         self.git("init", "--quiet", "--initial-branch=main")
 
     def git(self, *words: str) -> str:

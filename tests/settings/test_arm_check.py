@@ -83,9 +83,9 @@ def test_tool_base_and_compensation_are_told_apart(virtual, cell_text, rng):
         return tp.fit_cell(cell, shown, "registration")
 
     lifted = p_cmd + np.array([0.0, 0.0, 500.0])
-    found = fit(right, lifted).arm_check
-    assert found.checked
-    assert "the model's base lies at (0.00, 0.00, 500.00) mm, turned by 0.00°" in found.words
+    found = fit(right, lifted)
+    assert found.arm_check.checked
+    assert any("is 500 mm higher in the controller's base" in fact.words for fact in found.facts)
     with pytest.raises(DataError, match=r"tool .110.00, 0.00, 360.00. mm, but .tool. states .*, 5.00 mm apart"):
         fit(wrong, lifted)
     accurate = replace(
@@ -202,5 +202,5 @@ def test_positions_of_the_model_prove_nothing(virtual, samples, cell_text, tmp_p
 def test_measured_robot_is_not_refused(ur10):
     samples = read_samples(ur10 / "samples.csv")
     cell = tp.Cell.model_validate({"robot": {"model": "universal-robots-ur10"}, "tool": {"fit": "position"}})
-    words = tp.fit_cell(cell, samples, "registration").arm_check.words
-    assert "turned by 180.00°" in words
+    found = tp.fit_cell(cell, samples, "registration")
+    assert any("is turned by 180° about z in the controller's base" in fact.words for fact in found.facts)

@@ -72,7 +72,8 @@ def save(client: TestClient, cell: str, etag: str, **edit: Any) -> Any:
 
 
 def test_a_new_cell_is_the_file_of_the_command_line(client: TestClient, root: Path, cell: str) -> None:
-    assert (root / "hall 3" / "cell.toml").read_text("utf-8") == template(ROBOT)
+    written = (root / "hall 3" / "cell.toml").read_text("utf-8")
+    assert written == template(ROBOT, robot_id=Cell.from_toml(written).robot_id)
     document, _ = read(client, cell)
     assert document["problems"] == []
     assert document["controller"] == "kuka"

@@ -27,6 +27,7 @@ _ROUNDING_MM: Final = 0.3  # rounded joints of a large arm, or the servo errors 
 _TOOL_MM: Final = 0.1
 _OWN_MM: Final = 1e-5  # no controller shows positions with so many digits
 _OTHER_POINT_MM: Final = 1.0  # largest distance of a fitted tool to that of the controller without a note
+_START_MM: Final = 50.0  # from the starting value of a tool to that of the controller
 _OTHER_FRAME_MM: Final = 1.0  # smaller differences are errors of the model
 _QUARTER_TURNS: Final = [np.array([[c, -s], [s, c]], float) for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1))]
 _KNOWN_MM: Final = 1.0  # directions of the tool with a larger standard deviation are not compared
@@ -177,7 +178,9 @@ def check_arm(robot: Robot, poses: Poses, tf_flange_tool: FloatArray, *, fit: Fi
     return ArmCheck(True, " ".join(notes), len(poses), implied.residual, p)
 
 
-def in_controllers_base(robot: Robot, poses: Poses) -> tuple[Robot, list[Fact]]:
+def in_controllers_base(
+    robot: Robot, poses: Poses, tf_flange_tool: FloatArray, *, fit: Fit = "none"
+) -> tuple[Robot, list[Fact]]:
     """Return the arm in the base in which its controller shows positions, with what that changes.
 
     The base of a model may be turned against that of the controller, as in the descriptions of ROS, or lie at another
@@ -189,6 +192,10 @@ def in_controllers_base(robot: Robot, poses: Poses) -> tuple[Robot, list[Fact]]:
         The nominal robot.
     poses : Poses
         The joints and the positions that the controller shows.
+    tf_flange_tool : (4, 4) array [mm]
+        The stated tool.
+    fit : {"none", "position", "pose"}
+        The fitted part of the tool; a stated tool must be that of the positions, or the arm may be another one.
 
     Returns
     -------
@@ -202,7 +209,10 @@ def in_controllers_base(robot: Robot, poses: Poses) -> tuple[Robot, list[Fact]]:
     if poses.q is None or poses.p_cmd is None:
         return robot, []
     tf_base_flange = robot.forward(poses.q)
-    implied = _implied(tf_base_flange, poses.p_cmd)
+    try:
+        implied = _implied(tf_base_flange, poses.p_cmd)
+    except DataError:  # no frame explains the positions: the check of the samples says more
+        return robot, []
     if implied is None or not implied.frame_differs or implied.residual > _ROUNDING_MM:
         return robot, []
     tf = implied.tf_frame_base
@@ -213,7 +223,11 @@ def in_controllers_base(robot: Robot, poses: Poses) -> tuple[Robot, list[Fact]]:
     snapped[:2, :2] = _QUARTER_TURNS[quarter]
     snapped[2, 3] = 0.0 if abs(height) <= _ROUNDING_MM else height
     again = _implied(snapped @ tf_base_flange, poses.p_cmd)
-    if again is not None and not again.frame_differs:
+    stated = tf_flange_tool[:3, 3]
+    away, limit = (0.0, 0.0) if again is None else again.from_tool(stated)
+    if fit != "none":  # a starting value, or none at all
+        limit = _START_MM if stated.any() else np.inf
+    if again is not None and not again.frame_differs and away <= limit:
         turned = [f"turned by {90 * quarter}° about z"] if quarter else []
         shifted = [f"{snapped[2, 3]:g} mm higher"] if snapped[2, 3] else []
         words = (

@@ -91,7 +91,7 @@ def fit_cell(
             '"auto", which chooses among predictors'
         )
     samples = on_arm(samples, cell.load_robot())
-    robot, facts = in_controllers_base(cell.load_robot(), samples)
+    robot, facts = in_controllers_base(cell.load_robot(), samples, cell.tf_flange_tool, fit=cell.tool.fit)
     samples = with_origins(cell, samples)
     if cell.conditions.approach == "from-order":
         progress("Finding the directions of approach from the order of rows")
