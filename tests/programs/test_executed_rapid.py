@@ -1,4 +1,7 @@
-"""Random RAPID programs, executed directly: what a correction changes are the motions that it was judged for."""
+"""Random RAPID programs, executed directly: what a correction changes are the motions that it was judged for.
+
+``TRUEPOSE_EXECUTED_PROGRAMS`` gives their number in the second tier.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from tests.programs.executors.rapid_programs import random_task
 
 from truepose.programs import ReadOptions
 
-MANY = int(os.environ.get("TRUEPOSE_EXECUTED_PROGRAMS", "3000"))
+MANY = int(os.environ.get("TRUEPOSE_EXECUTED_PROGRAMS", "2000"))
 
 
 def execute(folder: Path, seed: int) -> Found:
