@@ -20,15 +20,15 @@ from truepose.geometry import euler, make_transform
 KEYS = ("X", "Y", "Z", "A", "B", "C")
 TOOLS = {n: (5.0 * n, -3.0, 150.0, 10.0 * n, 20.0, -30.0) for n in (1, 2)}
 BASES = {n: (900.0, 100.0 * n, 40.0, 30.0 * n, -15.0, 5.0) for n in (1, 2)}
-MOST_STEPS = 300
+MOST_STEPS = 120
 
 
 @dataclass(eq=False)
 class Literal:
-    """Six coordinates, each a number or an expression; `start` is the byte of the first one in its file."""
+    """Six coordinates, each a number or an expression, with the place of the first one: the file and the byte."""
 
     parts: list[Any]
-    start: int = -1
+    place: tuple[str, int] = ("", -1)
 
 
 @dataclass(eq=False)
@@ -81,37 +81,54 @@ def _literals(found: Any) -> Iterator[Literal]:
 
 
 class Writer:
-    """Writes the text of a program."""
+    """Writes the files of a program; with `split`, all routines but the first are in a module of their own."""
 
-    def __init__(self, program: Program) -> None:
-        self._lines: list[str] = []
-        self._at = 0
+    def __init__(self, program: Program, *, split: bool = False) -> None:
+        self.files: dict[str, str] = {}
+        self._split = split
+        self._begin("cell.src")
         for routine in program.routines:
+            if split and routine is program.routines[1]:
+                self._end()
+                self._begin("other.src")
+                self._line("DEF OTHER()")
+                self._line("END")
             head = ",".join(f"{name}:{way}" for name, way, _ in routine.parameters)
-            self._line(f"{'DEFFCT ' + routine.returns if routine.returns else 'DEF'} {routine.name}({head})")
+            kind = "GLOBAL " * (split and routine is not program.routines[0])
+            kind += f"DEFFCT {routine.returns}" if routine.returns else "DEF"
+            self._line(f"{kind} {routine.name}({head})")
             for name, kind in [(name, kind) for name, _, kind in routine.parameters] + routine.variables:
                 self._line(f"DECL {kind} {name}")
             self._block(routine.body)
             self._line("ENDFCT" if routine.returns else "END")
-        self.src = "\n".join(self._lines) + "\n"
-        self._lines, self._at = [], 0
-        self._line("DEFDAT CELL")
+        self._end()
+        self._begin("cell.dat")
+        self._line("DEFDAT CELL PUBLIC" if split else "DEFDAT CELL")
+        declare = "DECL GLOBAL" if split else "DECL"
         for name, values in program.points.items():
             kind = "FRAME" if name.startswith("F") else "E6POS"
             if len(values) > 1:
-                self._line(f"DECL {kind} {name}[{len(values)}]")
+                self._line(f"{declare} {kind} {name}[{len(values)}]")
                 for k, value in enumerate(values, 1):
                     if value is not None:
                         self._line(f"{name}[{k}]=", value)
             elif values[0] is None:
-                self._line(f"DECL {kind} {name}")
+                self._line(f"{declare} {kind} {name}")
             else:
-                self._line(f"DECL {kind} {name}=", values[0])
+                self._line(f"{declare} {kind} {name}=", values[0])
         for name, (tool, base, mode) in program.fdats.items():
-            self._line(f"DECL FDAT {name}={{TOOL_NO {tool},BASE_NO {base},IPO_FRAME #{mode}}}")
-        for text in ("DECL REAL H=15.0", "DECL INT N=0", "DECL INT K[2]", "K[1]=1", "K[2]=2", "ENDDAT"):
+            self._line(f"{declare} FDAT {name}={{TOOL_NO {tool},BASE_NO {base},IPO_FRAME #{mode}}}")
+        for text in ("REAL H=15.0", "INT N=0", "INT K[2]"):
+            self._line(f"{declare} {text}")
+        for text in ("K[1]=1", "K[2]=2", "ENDDAT"):
             self._line(text)
-        self.dat = "\n".join(self._lines) + "\n"
+        self._end()
+
+    def _begin(self, file: str) -> None:
+        self._file, self._lines, self._at = file, list[str](), 0
+
+    def _end(self) -> None:
+        self.files[self._file] = "\n".join(self._lines) + "\n"
 
     def _line(self, *parts: Any) -> int:
         """Write a line of texts, expressions and literals; return its number."""
@@ -127,7 +144,7 @@ class Writer:
             text = "{"
             for key, part in zip(KEYS, found.parts, strict=True):
                 text += f"{key} "
-                found.start = at + len(text) if key == "X" else found.start
+                found.place = (self._file, at + len(text)) if key == "X" else found.place
                 text += f"{part}" if isinstance(part, float) else self._expression(part)
                 text += "," if key != "C" else "}"
             return text

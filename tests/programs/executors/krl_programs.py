@@ -16,7 +16,19 @@ THEMES = (
     *("arithmetic", "array", "branch", "call", "copy", "entry", "fdat", "frame", "function", "interrupt", "jump"),
     *("literal", "local", "loop", "mode", "number", "output", "parameter", "relative", "sensor", "spline", "trigger"),
     "with",
+    "bases",
 )
+
+TOGETHER = {
+    "parameter": ("copy", "bases"),
+    "function": ("parameter", "bases"),
+    "interrupt": ("call",),
+    "number": ("relative",),
+    "frame": ("number",),
+    "call": ("bases",),
+    "local": ("call", "copy", "parameter"),
+}
+"""Themes that show what another one does."""
 
 
 class Generator:
@@ -27,8 +39,10 @@ class Generator:
 
     def __init__(self, dice: Random) -> None:
         self._dice = dice
-        self._themes = set(dice.sample(THEMES, dice.randint(2, 8)))
-        self._read = dice.sample(POINTS, dice.choice((1, 1, 2)))
+        self._themes = set(dice.sample(THEMES, dice.choice((1, 2, 2, 3, 3, 4, 6))))
+        for theme in list(self._themes):
+            self._themes |= set(TOGETHER.get(theme, ()))
+        self._read = dice.sample(POINTS, dice.choice((1, 1, 1, 2)))
         self._local: list[str] = []
         self._fdats: list[str] = []
 
@@ -50,6 +64,9 @@ class Generator:
         }
         self._fdats = sorted(fdats)
         main = [self.frame("tool"), self.frame("base"), *self.block(8, 2, "main")]
+        for _ in range(dice.choice((0, 1, 1, 2))):
+            at = dice.randint(2, len(main))
+            main[at:at] = self.sequence()
         if self._has("jump"):
             main.insert(dice.randint(2, len(main)), Statement("label", ("again",)))
         name = dice.choice(("Q", "XA", "XP1")) if self._has("local") else "Q"
@@ -63,11 +80,50 @@ class Generator:
         number = Routine("S3", [("R", dice.choice(("IN", "OUT")), "REAL")], self.block(2, 1, "S3"))
         inner = Routine("S4", [], self.block(2, 0, "S4"))
         result = [Statement("return", (dice.choice([("number", 1.0), N, H, self.coordinate()]),))]
-        function = Routine("F1", [], [*self.block(2, 1, "F1"), *result], "REAL")
+        first = [self.frame("base")] if dice.random() < 0.4 else self.block(2, 1, "F1")
+        function = Routine("F1", [], [*first, *result], "REAL")
         handler = Routine("HND", [], self.block(2, 1, "HND") + [Statement("resume")] * (dice.random() < 0.4))
         return _used(
             Program(points, fdats, [Routine("CELL", [], main), point, plain, number, inner, frame, function, handler])
         )
+
+    def sequence(self) -> list[Statement]:
+        """Return statements of which the first ones change something, and the last ones show it."""
+        dice = self._dice
+        point, other = (("point", name) for name in dice.sample(POINTS, 2))
+        copy = ("point", dice.choice(("XA", "XB")))
+        coordinate = ("coordinate", point, self.axis())
+        show = [Statement("relative", (H,)), Statement("output", (H,)), Statement("entry", (1, self.axis(), H))]
+        back = Statement("base", (1, dice.random() < 0.5))
+        away = Statement("base", (2, dice.random() < 0.5))
+        moved = [away, Statement("move", ("LIN", (copy,), ())), back]
+        frame = ("point", dice.choice(("FUP", "FV")))
+        found: list[list[Statement]] = [
+            [Statement("set", (H, coordinate)), dice.choice(show)],
+            [Statement("call", ("S3", (H,))), dice.choice(show)],
+            [
+                Statement("set", (("coordinate", frame, self.axis()), coordinate)),
+                Statement("move", ("LIN", (("shifted", other, frame),), ())),
+            ],
+            [
+                Statement("set", (frame, dice.choice([point, self.partly()]))),
+                Statement("base is", (frame,)),
+                self.move(),
+                back,
+            ],
+            [Statement("set", (copy, point)), *moved],
+            [Statement("call", ("S1", (copy,))), *moved],
+            [Statement("set", (("element", "XQ", self.index()), point)), self._element_move(), back],
+            [away, Statement("call", ("S3", (("call", "F1", ()),))), back],
+            [Statement("interrupt", (INPUT, "HND", dice.random() < 0.3)), Statement("call", ("S2", ())), self.move()],
+            [Statement("trigger", (H, "HND")), self.move(), self.move()],
+            [Statement("spline", (self.settings(),), [[Statement("move", ("SPL", (point,), ()))]]), self.move()],
+            [Statement("for", (("number", 1), ("element", "K", coordinate)), [[self.move()]])],
+        ]
+        return dice.choice(found)
+
+    def _element_move(self) -> Statement:
+        return Statement("move", ("LIN", (("element", "XQ", self.index()),), ()))
 
     def frames_in(self) -> list[Statement]:
         """Return statements with a frame that a routine gets."""
@@ -138,7 +194,14 @@ class Generator:
 
     def goal(self) -> Any:
         dice = self._dice
-        kinds = "t" * 8 + "v" + "lp" * self._has("literal") + "s" * self._has("frame") + "s" * self._has("arithmetic")
+        kinds = (
+            "t" * 8
+            + "v"
+            + "vv" * self._has("copy")
+            + "lp" * self._has("literal")
+            + "s" * self._has("frame")
+            + "s" * self._has("arithmetic")
+        )
         kind = dice.choice(kinds)
         if kind == "t":
             return "point", dice.choice(POINTS)
@@ -148,9 +211,10 @@ class Generator:
             return self.numbers()
         if kind == "p":
             return self.partly()
+        point = self.point() if dice.random() < 0.4 else ("point", dice.choice(POINTS))
         if self._has("frame") and dice.random() < 0.3:
-            return "shifted", ("point", "FUP"), self.point()
-        return "shifted", self.point(), self.shift()
+            return "shifted", ("point", "FUP"), point
+        return "shifted", point, self.shift()
 
     def frame(self, kind: str) -> Statement:
         return Statement(kind, (self._dice.choice((1, 1, 1, 2)), self._dice.random() < 0.5))
@@ -163,11 +227,12 @@ class Generator:
         """Return a random statement that may stand in a routine."""
         dice = self._dice
         back = (("number", 1.0),) if routine == "F1" else ()
-        moves = 3.0 if routine in ("main", "S2") else 1.0
+        moves = 3.0 if routine in ("main", "S2", "S3", "S1") else 1.0
         makers: list[tuple[str, float, Callable[[], Statement]]] = [
             ("", moves, self.move),
-            ("", 0.6, lambda: self.frame("base")),
-            ("", 0.2, lambda: self.frame("tool")),
+            ("", 0.05, lambda: self.frame("base")),
+            ("bases", 0.8, lambda: self.frame("base")),
+            ("bases", 0.2, lambda: self.frame("tool")),
             ("copy", 2, self.copy),
             ("arithmetic", 1, self.arithmetic),
             ("number", 1.5, lambda: Statement("set", (H, self.number()))),
@@ -257,16 +322,16 @@ class Generator:
 
     def call(self, routine: str) -> Statement:
         dice = self._dice
-        names = ["S4", *(["S2"] * 2 if routine != "S2" else [])]
-        kind = dice.choice([*names, *(["S1", "S1", "S3", "S5"] if self._has("parameter") else [])])
+        names = [*(["S4"] if routine != "S4" else []), *(["S2"] * 2 if routine != "S2" else [])]
+        kind = dice.choice([*names, *(["S1", "S1", "S1", "S3", "S3", "S5"] if self._has("parameter") else [])])
         if kind == "S5":
             given = [("entry", dice.choice((1, 2))), ("entry", 1), ("point", "FV"), self.point()]
             return Statement("call", ("S5", (dice.choice(given),)))
         if kind == "S1":
-            given = [self.point(), self.point(), ("shifted", self.point(), self.shift()), self.numbers()]
+            given = [self._copy(), self._copy(), self.point(), ("shifted", self.point(), self.shift()), self.numbers()]
             return Statement("call", ("S1", (dice.choice(given),)))
         if kind == "S3":
-            given = [H, self.number(), ("call", "F1", ()) if self._has("function") else H]
+            given = [H, self.number(), *[("call", "F1", ())] * (2 * self._has("function"))]
             return Statement("call", ("S3", (dice.choice(given),)))
         return Statement("call", (kind, ()))
 
