@@ -391,7 +391,8 @@ class KrlModule:
             self._move_world(f"{world[0].decode('latin-1')} in {shown(data, start, end)}", statement.line)
         named = {m[1].decode().upper() for m in IDENTIFIER.finditer(data, start, end) if m[1] and m[2] != b"("}
         for name in sorted(named & self._names.fdats.keys()):
-            self._names.forget_fdat(name, FdatFrames(*[self._not_known(statement)] * 2, "BASE"))
+            unknown = self._not_known(statement)
+            self._names.forget_fdat(name, FdatFrames(unknown, unknown, "BASE"))
         if routines := sorted(named & self._shared.routines.keys()):
             self._flow.call_one_of([self._own.get(name, name) for name in routines])
 
