@@ -255,7 +255,7 @@ def _without_known(old: Samples, new: Samples) -> Samples:
     DataError
         If the map has all of them.
     """
-    again = KDTree(old.p_meas).query(new.p_meas)[0] < _SAME_READING
+    again = np.asarray(KDTree(old.p_meas).query(new.p_meas)[0]) < _SAME_READING
     if again.all():
         raise new.error(
             "all of these readings are in the map already, and count once; update it with readings that are new"

@@ -126,8 +126,9 @@ def is_macro(code: bytes) -> bool:
 def _runs(counter: Counter) -> bool:
     """Return whether a loop has constant bounds that let it turn at least once."""
     first, last, step = (evaluate(one, lambda _: UNKNOWN) for one in (counter.first, counter.last, counter.step))
-    known = isinstance(first, float) and isinstance(last, float) and isinstance(step, float)
-    return known and (last - first) * step >= 0.0
+    if not (isinstance(first, float) and isinstance(last, float) and isinstance(step, float)):
+        return False
+    return (last - first) * step >= 0.0
 
 
 class RegisterFlow:
@@ -159,12 +160,12 @@ class RegisterFlow:
         """The same, where a register may also get the position at which the robot stands."""
         self._uses_registers = bool(self._positions) or any(re.search(rb"P\s*\[\s*R\s*\[", code) for code in cleaned)
         if any(MONITORED.match(code) for code in cleaned):  # a program may run between any two instructions
-            for one in self._both():
+            for derivations in self._both():
                 for name in (*self._registers(), *(("R", n) for n in self._numeric)):
-                    one.distrust(name)
+                    derivations.distrust(name)
                 for number in self._positions:
                     for axis in range(6):
-                        one.distrust(("PR", number, axis))
+                        derivations.distrust(("PR", number, axis))
 
     @property
     def used(self) -> bool:
