@@ -21,7 +21,7 @@ needed("authlib", "'truepose[oidc]'")
 from tests.web.people import PASSWORD, URL, browsers
 from tests.web.provider import CLIENT, SECRET, SmallProvider
 
-from truepose.errors import DataError, FileError
+from truepose.errors import DataError, FileError, MissingPackageError
 from truepose.store.access import log_in
 from truepose.store.store import Store
 from truepose.store.users import add_user, set_disabled, set_subject
@@ -272,5 +272,5 @@ def test_a_missing_package_is_named_with_the_remedy(monkeypatch: pytest.MonkeyPa
     for name in [one for one in sys.modules if one.partition(".")[0] == "authlib"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "authlib", None)
-    with pytest.raises(DataError, match=r"truepose\[oidc\]"):
+    with pytest.raises(MissingPackageError, match=r"truepose\[oidc\]"):
         Provider(Settings("https://login.example", CLIENT, SECRET), URL)

@@ -25,7 +25,9 @@ export const DEFAULTS: Required<CorrectionOptions> = {
   orientation: false,
   require: '',
   other_maker: false,
+  other_robot: '',
   accept_weak_map: false,
+  accept: [],
   whole: false,
   keep_going: false,
   dry_run: false,
@@ -35,7 +37,8 @@ export const DEFAULTS: Required<CorrectionOptions> = {
 export type OptionName = keyof typeof DEFAULTS
 type Named<T> = { [K in OptionName]: (typeof DEFAULTS)[K] extends T ? K : never }[OptionName]
 export type Flag = Exclude<Named<boolean>, 'dry_run'>
-export type Word = 'tool' | 'base' | 'frame_tolerance' | 'angles' | 'mechanical_unit' | 'require'
+export type List = Named<string[]>
+export type Word = 'tool' | 'base' | 'frame_tolerance' | 'angles' | 'mechanical_unit' | 'other_robot' | 'require'
 
 /** The few that matter; the others are one click away. */
 export const FLAGS: readonly Flag[] = ['derived', 'joint_targets', 'orientation', 'keep_going']
@@ -52,14 +55,17 @@ export const MORE_FLAGS: readonly Flag[] = [
   'accept_weak_map',
   'xlsx',
 ]
-export const WORDS: readonly Word[] = ['frame_tolerance', 'require', 'tool', 'base', 'angles', 'mechanical_unit']
+export const WORDS: readonly Word[] = ['frame_tolerance', 'require', 'tool', 'base', 'angles', 'mechanical_unit', 'other_robot']
+export const LISTS: readonly List[] = ['controller', 'accept']
 /** Options that only a correction has. */
 const OF_CORRECTION: readonly OptionName[] = [
   'on_guard',
   'orientation',
   'require',
   'other_maker',
+  'other_robot',
   'accept_weak_map',
+  'accept',
   'whole',
   'keep_going',
   'dry_run',

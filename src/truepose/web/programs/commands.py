@@ -45,7 +45,9 @@ class CorrectionOptions(ReadingOptions):
     orientation: bool = False
     require: _Word = ""
     other_maker: bool = False
+    other_robot: _Word = ""
     accept_weak_map: bool = False
+    accept: Annotated[list[_Word], Field(max_length=50)] = []
     whole: bool = False
     keep_going: bool = False
     dry_run: bool = False
