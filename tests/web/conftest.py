@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from fastapi.testclient import TestClient
+from tests.forked import forked_processes
 from tests.tiers import EXHAUSTIVE
 
 from truepose.web import Workspace, create_app
@@ -19,6 +20,12 @@ if TYPE_CHECKING:
 
 BASE = "http://127.0.0.1:8765"
 collect_ignore = [] if EXHAUSTIVE else ["test_any_request.py"]  # a fuzzer; to make the contract takes seconds
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _forked_processes() -> Iterator[None]:
+    with forked_processes():
+        yield
 
 
 @pytest.fixture
