@@ -63,9 +63,13 @@ def _wait_for_command(stdin: Connection, stderr: Connection, group: Connection, 
     stderr.close()
     os.environ.clear()
     os.environ.update(env)
-    sys.stdout, sys.stderr = (open(number, "w", encoding="utf-8", closefd=False) for number in (1, 2))  # as a new process
+    sys.stdout, sys.stderr = _as_of_a_new_process(1), _as_of_a_new_process(2)
     sys.argv = ["waiting"]
     waiting.main()
+
+
+def _as_of_a_new_process(number: int) -> io.TextIOWrapper:
+    return io.TextIOWrapper(io.FileIO(number, "w", closefd=False), encoding="utf-8", line_buffering=number == 2)
 
 
 @contextmanager

@@ -127,6 +127,7 @@ def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
     return command.main()
 
 
+@pytest.mark.exhaustive
 def test_the_table_is_made_continued_and_made_anew_for_other_data(
     robot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

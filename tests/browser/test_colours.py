@@ -61,7 +61,7 @@ def inked(picture: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 def test_verdicts_differ_by_shape_word_and_colour(browser: Browser, server: Server, pictures: Path, theme: Any) -> None:
     with browser.opened(server, theme=theme) as app:
         app.go("programs")

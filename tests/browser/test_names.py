@@ -38,7 +38,7 @@ def complaints(app: Opened, page: str) -> list[str]:
 
 
 @pytest.mark.parametrize(("width", "language"), [(1400, "de"), (390, "en")])
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 def test_names_break_no_page(browser: Browser, named: Server, pictures: Path, width: int, language: str) -> None:
     found = []
     with browser.opened(named, width=width, language=language) as app:

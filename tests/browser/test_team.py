@@ -219,7 +219,7 @@ def test_two_engineers_and_a_quality_manager(
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1400, 390])
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 def test_the_pages_of_a_team_fit_and_are_accessible(
     browser: Browser, team_server: Server, axe: str, pictures: Path, width: int, theme: Any
 ) -> None:

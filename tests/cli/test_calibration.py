@@ -44,7 +44,7 @@ def files(tmp_path):
         "calibration-network",
     ],
 )
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 def test_fit_and_predict(run, files, name, tmp_path):
     cell, samples, out = files
     data = run("fit", cell, samples, "--predictor", name, "--out", out, "--json").json

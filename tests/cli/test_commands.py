@@ -164,6 +164,7 @@ def test_fit_auto_ranks_the_candidates(run, cell_files, tmp_path):
     assert done["leave_one_out"]["mean_mm"] < 0.5 * done["registered"]["mean_mm"]
 
 
+@pytest.mark.exhaustive
 def test_fit_is_reproducible_to_the_byte(run, cell_files, tmp_path):
     again = tmp_path / "again.truepose"
     run("fit", cell_files.cell, cell_files.samples, "--predictor", "ordinary-kriging", "--out", again)
@@ -213,6 +214,7 @@ def test_similarity(run, cell_files, tmp_path):
     assert "use .svg, .png or .pdf" in run("similarity", *nothing, "--plot", "a.xyz").failed()
 
 
+@pytest.mark.exhaustive
 def test_similarity_with_choices_of_ones_own(run, cell_files):
     only = ("similarity", cell_files.cell, cell_files.samples, "--space", "cartesian", "--json")
     chosen = ("--bins", "0,100,200,400,800", "--estimator", "cressie", "--direction", "1,1,0", "--tolerance", "45")
@@ -237,6 +239,7 @@ def test_similarity_with_choices_of_ones_own(run, cell_files):
         assert message in run("similarity", cell_files.cell, cell_files.samples, *wrong).failed()
 
 
+@pytest.mark.exhaustive
 def test_joint_wise_similarity(run, cell_files, tmp_path):
     """The virtual cell's joints have errors of their own, of some tenths of a milliradian."""
     plot = tmp_path / "joints.png"

@@ -67,6 +67,7 @@ def _poses(virtual, q):
     return {name: getattr(measured, name) for name in measured.columns()}
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("predictor", ["ordinary-kriging", "calibration"])
 def test_other_predictors_say_what_they_know(run, cell_files, tmp_path, predictor):
     out = tmp_path / "map.truepose"

@@ -33,7 +33,7 @@ def std_of(run, map_path, poses, out) -> np.ndarray:
         return np.array([float(row["std_mm"]) for row in csv.DictReader(rows)])
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 def test_explain_speaks_of_poses_that_are_measured_or_used(run, cell_map, tmp_path):
     folder, path = cell_map
     found = run("explain", path, "--json").json
@@ -44,6 +44,7 @@ def test_explain_speaks_of_poses_that_are_measured_or_used(run, cell_map, tmp_pa
     assert "corrected position in the work region of the cell file" in run("explain", path).out
 
 
+@pytest.mark.sampled(1)
 def test_without_a_region_explain_speaks_of_the_samples(cell_map):
     error_map = tp.load_map(cell_map[1])
     bare = error_map.changed(cell=error_map.cell.model_copy(update={"region": None}))

@@ -44,6 +44,7 @@ sys.addaudithook(refuse)
 """
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("arguments", [["--help"], ["fit", "--help"], ["robots", "--json"]])
 def test_a_start_runs_no_other_program(arguments: list[str]) -> None:
     """The version comes from git, which would take longer than the rest of a start."""
@@ -57,7 +58,7 @@ def test_the_package_is_imported_without_what_runs_programs() -> None:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(1)
 def test_a_command_imports_what_it_uses(demo: tuple[Path, object], tmp_path: Path, name: str) -> None:
     arguments, uses = COMMANDS[name]
     given = [one.format(demo=demo[0], out=tmp_path / "out.csv") for one in arguments]

@@ -109,7 +109,7 @@ def test_a_turned_tracker_stops_the_fit(virtual: VirtualCell, sound: Samples):
 
 @pytest.mark.parametrize("fault", [moved, scaled, creeping, turned])
 @pytest.mark.promise("a fault of a campaign is found behind every effect of a virtual cell, orientations included")
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 def test_faults_are_found_behind_all_effects(fault: Fault, record_property: Any):
     record_property("cases", 2)
     for seed in range(2):

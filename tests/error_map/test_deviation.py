@@ -90,6 +90,7 @@ def largest_nugget(error_map):
     return np.where(nugget > 0, nugget + np.sqrt(2 / (3 * len(error_map.samples))) * shown, 0.0)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.promise("the deviation is that of the field with the nugget, less what is known of repeatability")
 def test_the_deviation_is_field_and_nugget_less_repeatability(turned, maps, record_property):
     virtual, samples = turned

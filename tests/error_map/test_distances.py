@@ -89,6 +89,7 @@ def test_a_distance_is_linearised_where_the_arm_is():
     np.testing.assert_allclose(near, along, atol=1e-3)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("solver", ["covariance", "basis"])
 def test_three_distances_from_far_points_are_a_position(bench, solver):
     """From points so far that their directions do not change, along the axes: the same information."""

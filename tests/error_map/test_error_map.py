@@ -50,7 +50,7 @@ def test_corrected_commands_end_at_their_targets(virtual, error_map, targets):
 
 
 @pytest.mark.parametrize("seed", range(10))
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 def test_the_largest_error_falls_by_more_than_in_the_paper(seed):
     """75.36 % (Zeng, Tian, Liao 2016), on held-out poses of ten robots."""
     cell = tp.VirtualCell("paper", seed=seed)
@@ -397,6 +397,7 @@ def test_radians_read_as_degrees_are_guessed(ur10):
         tp.fit_cell(cell, shrunk)
 
 
+@pytest.mark.exhaustive
 def test_measured_ur10(ur10, tmp_path):
     """Registration with the tool fitted brings the mean to 0.72 ± 0.02 mm with nominal links (the data's README)."""
     samples = tp.read_samples(ur10 / "samples.csv")
@@ -476,6 +477,7 @@ def test_rows_of_an_error_are_those_of_all_samples():
         errors.fit("ordinary-kriging:exact=yes", np.arange(1, 5))
 
 
+@pytest.mark.exhaustive
 def test_many_samples_are_kriged_by_an_approximation_that_is_named(virtual, samples, monkeypatch):
     monkeypatch.setattr("truepose.predictors.registry.LARGEST_GLOBAL", 30)
     with pytest.warns(UserWarning, match=r"samples are too many for universal-kriging:space=joint; vecchia-kriging:"):

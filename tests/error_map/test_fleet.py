@@ -55,6 +55,7 @@ def following(alike, earlier):
     return fitted(alike.cell(0), FEW, 7, like=earlier)
 
 
+@pytest.mark.exhaustive
 def test_a_fleet_that_has_much_in_common_helps(alike, following):
     cell = alike.cell(0)
     assert following.predictor.fleet_["taken"] == "mean"
@@ -64,6 +65,7 @@ def test_a_fleet_that_has_much_in_common_helps(alike, following):
     assert np.mean(np.abs(left) <= 1.96 * std) > 0.9
 
 
+@pytest.mark.exhaustive
 def test_distances_enter_a_fit_with_a_fleet(alike, earlier, following, tmp_path):
     """A map keeps its fleet and its distances, and both help."""
     cell = alike.cell(0)

@@ -87,7 +87,7 @@ MODELS = {
 
 
 @pytest.mark.parametrize("name", MODELS)
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 def test_arrays_predict_what_the_model_predicts(name):
     """At 10,000 random joints within the limits, positions to 1 µm and orientations to 1 µrad."""
     model = MODELS[name]()
@@ -121,7 +121,7 @@ def maps(tmp_path_factory) -> dict[str, tp.ErrorMap]:
 
 @pytest.mark.promise("A frozen map equals its map to 1 µm at 100,000 random poses")
 @pytest.mark.parametrize("name", ["paper", "hard", "ur10", "calibrated"])
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 def test_a_frozen_map_equals_its_map(maps, name):
     error_map = maps[name]
     frozen, q = error_map.freeze(), joints(error_map.robot, COUNT)

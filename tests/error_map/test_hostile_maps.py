@@ -74,6 +74,7 @@ ARRAYS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 }
 
 
+@pytest.mark.exhaustive
 @pytest.mark.promise("No array of a map file that contradicts samples, station and tool is believed, hashes or not")
 def test_altered_arrays_are_refused(parts, record_property):
     content, arrays = parts

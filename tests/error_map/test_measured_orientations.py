@@ -53,6 +53,7 @@ def missed(virtual: VirtualCell, error_map: ErrorMap) -> tuple[float, float]:
     )
 
 
+@pytest.mark.exhaustive
 def test_orientations_show_the_turns_of_the_arm(virtual, samples, error_map):
     without = fit_cell(virtual.cell, samples, f"{PREDICTOR}:conditions=none")
     untold = fit_cell(virtual.cell, replace(samples, rotation_std=None), PREDICTOR)

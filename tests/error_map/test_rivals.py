@@ -24,6 +24,7 @@ def held_out(virtual: tp.VirtualCell) -> tp.Samples:
     return virtual.measure(virtual.design(25, seed=1))
 
 
+@pytest.mark.exhaustive
 def test_kinematic_kriging_is_recommended(virtual: tp.VirtualCell, samples: tp.Samples, held_out: tp.Samples) -> None:
     error_map = tp.fit_cell(virtual.cell, samples, "ordinary-kriging")
     result = error_map.validate(held_out)

@@ -60,6 +60,7 @@ def missed(virtual: VirtualCell, error_map: ErrorMap) -> tuple[float, float]:
     return float(np.linalg.norm(miss, axis=1).mean()), float(np.mean(np.abs(miss) <= 1.96 * std))
 
 
+@pytest.mark.exhaustive
 def test_the_tool_point_is_predicted_from_reflectors_beside_it(virtual, error_map):
     several, alone = [missed(virtual, error_map)[0]], []
     for seed in (2, 3, 4):
@@ -111,6 +112,7 @@ def test_samples_and_map_are_read_as_written(error_map, cell, samples, tmp_path)
     )
 
 
+@pytest.mark.exhaustive
 def test_folds_keep_rows_of_a_pose_together(cell, samples):
     chosen = fit_cell(cell, samples, "auto", candidates=["registration", "idw", PREDICTOR], folds=3)
     assert chosen.predictor_name == PREDICTOR
@@ -142,6 +144,7 @@ def test_calibration_takes_reflectors(virtual, cell, samples, tmp_path):
         kept.predictor.set_params(conditions=("approach",)).fit(samples.q, kept.e[:1].repeat(len(samples), axis=0))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("method", ["ls", "ekf", "ukf"])
 def test_all_solvers_see_the_same_points(virtual, cell, samples, method):
     q, p = samples.q[::2], reflectors_of(cell).p_tool[np.arange(len(samples.q[::2])) % 3]

@@ -211,6 +211,7 @@ def test_the_report_says_it(weak, good, record_property):
     record_property("cases", len(languages))
 
 
+@pytest.mark.exhaustive
 @pytest.mark.promise("A bad campaign cannot raise the largest standard deviation; the record says where it is from.")
 def test_the_largest_deviation_does_not_depend_on_the_samples(virtual, targets, record_property):
     bare = virtual.cell.model_copy(update={"robot": virtual.cell.robot.model_copy(update={"repeatability_mm": None})})
@@ -268,6 +269,7 @@ def test_one_orientation_supports_no_other(good, virtual, targets):
     assert good.limits_in_force(max_angle_deg=1.0).values["max_angle_deg"] == 1.0
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.promise("A map with one standard deviation for all poses corrects nothing unless that is accepted")
 @pytest.mark.parametrize(
     "name", ["idw", "idw:space=joint", "nearest", "nearest:space=joint", "grid-cell", "radial-basis"]

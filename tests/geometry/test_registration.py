@@ -299,6 +299,7 @@ class TestBadInput:
         with pytest.raises(DataError, match="mirrored they fit: one axis has the wrong sign, or two columns"):
             fit(s.p_measured @ mirror, robust=robust)
 
+    @pytest.mark.sampled(2)
     @pytest.mark.parametrize("with_tool", [False, True])
     @pytest.mark.parametrize("shift", [1, -1, 3])
     def test_shifted_rows(self, rng: np.random.Generator, with_tool: bool, shift: int) -> None:

@@ -56,7 +56,7 @@ def case(arm, rng):
 
 
 @pytest.mark.parametrize("seed", range(5))
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 def test_estimators_agree_within_their_standard_errors(arm, seed):
     """Every parameter, base and tool too, is off by its whole tolerance."""
     _, data = simulate(arm, 60, np.random.default_rng(seed), size=1.0)

@@ -207,7 +207,7 @@ def run(case: Case, patch: pytest.MonkeyPatch, how: str, at: int) -> tuple[Fault
 @pytest.mark.promise("Whatever call of a commit fails, is interrupted or is the process's last, no program is lost.")
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 @pytest.mark.parametrize(("how", "where", "n"), CASES)
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(3)
 def test_every_call_of_a_commit(
     fast_folder: Path,
     monkeypatch: pytest.MonkeyPatch,

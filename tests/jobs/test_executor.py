@@ -103,6 +103,7 @@ def test_files_that_workers_have_read_are_inputs(form, programs, run):
     assert program.read_bytes() == before
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("given", ["folders", "files"])  # workers can prove single files only
 def test_programs_are_corrected_to_the_same_bytes_in_all_forms(form, virtual, map_path, programs, tmp_path, given):
     error_map = tp.load_map(map_path)
@@ -171,6 +172,7 @@ def test_cross_validation_is_the_same_in_all_forms(form, virtual):
     assert found[0] == found[1] == found[2]
 
 
+@pytest.mark.exhaustive
 def test_a_study_is_the_same_in_all_forms(form, monkeypatch):
     monkeypatch.setattr("truepose.studies.paper.SAMPLINGS", ("random",))
     found = []

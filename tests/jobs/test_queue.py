@@ -75,6 +75,7 @@ def test_a_module_in_the_folder_is_not_imported(queue: JobQueue, submit: Submit,
     assert queue.wait(submit(*QUICK).id, timeout=LONG).state == "done"
 
 
+@pytest.mark.exhaustive
 def test_one_worker_runs_jobs_in_their_order(queue: JobQueue, submit: Submit) -> None:
     ids = [submit(*QUICK, title=str(k)).id for k in range(4)]
     seen: list[str] = []
@@ -178,6 +179,7 @@ def test_jobs_may_be_cancelled_by_many_at_once(queue: JobQueue, submit: Submit) 
     assert found == ["cancelled"] * 8
 
 
+@pytest.mark.exhaustive
 def test_a_job_that_has_ended_runs_again_as_a_new_one(queue: JobQueue, submit: Submit) -> None:
     job = submit(*SLOW, title="Study", cell="c")
     with pytest.raises(RefusedError, match="cancel it first"):
@@ -426,7 +428,7 @@ def test_two_queues_in_one_workspace_are_refused(queue: JobQueue, workspace: Pat
         b"[" * 100_000,
     ],
 )
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 def test_torn_and_foreign_files_are_left_out(workspace: Path, content: bytes) -> None:
     with JobQueue(workspace, ready=False) as queue:
         job = queue.submit(QUICK, folder=workspace, cell="", title="")
@@ -452,7 +454,7 @@ def test_torn_and_foreign_files_are_left_out(workspace: Path, content: bytes) ->
         {"revision": "many"},
     ],
 )
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 def test_a_job_with_strange_values_is_left_out(workspace: Path, change: dict[str, Any]) -> None:
     with JobQueue(workspace, ready=False) as queue:
         job = queue.submit(QUICK, folder=workspace, cell="", title="")
@@ -471,6 +473,7 @@ def test_a_job_survives_its_dictionary(queue: JobQueue, submit: Submit) -> None:
     assert Job.from_dict(json.loads(json.dumps(job.to_dict()))) == job
 
 
+@pytest.mark.exhaustive
 def test_a_removed_folder_of_jobs_is_made_again(queue: JobQueue, submit: Submit, workspace: Path) -> None:
     import shutil
 

@@ -98,6 +98,7 @@ def test_damaged_parquet_is_refused_by_name(map_path, tmp_path, run):
     assert "give both as Parquet" in done.err
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("rows", [400_000, 50_000])  # of a row group
 def test_memory_does_not_grow_with_the_table(tmp_path, rows):
     rng = np.random.default_rng(0)
@@ -108,6 +109,7 @@ def test_memory_does_not_grow_with_the_table(tmp_path, rows):
     assert most < 0.75 * size  # buffers of each column; the whole table takes 1.4 times the file
 
 
+@pytest.mark.exhaustive
 @pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
 def test_an_interrupted_prediction_continues_on_a_cluster(
     cluster, poses, expected, map_path, tmp_path, monkeypatch, run

@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from truepose.cli import output
 
 TYPICAL_USES = """
@@ -54,6 +56,7 @@ def fresh(cache: Path | None, *arguments: str) -> subprocess.CompletedProcess[st
     return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=True, env=environment)
 
 
+@pytest.mark.exhaustive
 def test_typical_uses_need_no_other_types_than_warm_up_compiles(tmp_path: Path) -> None:
     found = json.loads(fresh(None, "-c", TYPICAL_USES, str(tmp_path / "map.frozen")).stdout)
     assert found["more"] == []
@@ -62,6 +65,7 @@ def test_typical_uses_need_no_other_types_than_warm_up_compiles(tmp_path: Path) 
     assert (again.stdout, again.stderr) == ("All kernels have been compiled before; there is nothing to do.\n", "")
 
 
+@pytest.mark.exhaustive
 def test_compiling_is_announced_once_and_loading_never(tmp_path: Path) -> None:
     code = (
         "from truepose.cli.output import working\n"

@@ -48,6 +48,7 @@ def test_the_forecast_after_a_series_holds(series):
     assert 0.8 < found / expected < 1.25
 
 
+@pytest.mark.exhaustive
 def test_as_many_poses_as_an_accuracy_takes(series):
     virtual, samples = series
     alone = plan(virtual.cell, 1, after=samples).expected[0]["mean_mm"]
@@ -81,6 +82,7 @@ def test_what_cannot_be_reached_or_continued_is_refused(series):
         plan(other.cell, 3, after=samples)
 
 
+@pytest.mark.exhaustive
 def test_samples_may_have_joints_as_the_controller_shows_them():
     virtual = tp.VirtualCell("paper", robot="fanuc-m20ia")
     samples = virtual.measure(virtual.design(24, seed=1), seed=1)
@@ -129,6 +131,7 @@ def test_joints_come_from_both_sides_where_asked():
     assert len(numbers) >= 120
 
 
+@pytest.mark.exhaustive
 def test_a_plan_from_both_sides_measures_the_lost_motion():
     """Targets that are approached from either side are predicted: from below alone they are a millimetre off."""
     virtual = tp.VirtualCell("backlash", seed=1)
@@ -141,6 +144,7 @@ def test_a_plan_from_both_sides_measures_the_lost_motion():
     assert np.linalg.norm(found.errors(held_out) - found.predict_reading(held_out)[0], axis=1).mean() < 0.1
 
 
+@pytest.mark.exhaustive
 def test_after_a_first_series_other_poses_are_chosen():
     virtual = tp.VirtualCell("hard", seed=2)
     first = plan(virtual.cell, 24, "sobol")

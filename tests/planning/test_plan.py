@@ -161,6 +161,7 @@ def test_expected_is_what_is_found():
     assert made.expected_mm == pytest.approx(np.median(found), rel=0.2)
 
 
+@pytest.mark.exhaustive
 def test_the_forecast_agrees_in_both_forms():
     """Covariances of readings and columns give the same lengths; earlier readings count, and fewer tell less."""
     cell = cell_of()
@@ -302,6 +303,7 @@ ROBOTS = {
 }
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_measuring_programs(robot, tmp_path):
     """Every pose is approached, waited at and signalled; our own reader takes the file."""

@@ -46,6 +46,7 @@ def targets(rng):
     return rng.uniform(0.5 * ROBOT.limits[:, 0], 0.5 * ROBOT.limits[:, 1], (100, 6))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ["ls", "lm", "ekf", "ukf"])
 def test_predicts_to_a_part_of_the_noise(method, samples, targets):
     model = KinematicCalibration(ROBOT, TOOL, method=method).fit(*samples)
@@ -100,6 +101,7 @@ def test_leave_one_out_is_refitting(options, samples):
         np.testing.assert_allclose(std[i], spread[0], rtol=0.2 if weak else 1e-2)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "model",
     [
@@ -136,6 +138,7 @@ def test_backlash_with_approach_signs(samples, rng):
         KinematicCalibration(ROBOT, TOOL, terms=("backlash",)).fit(q, e)
 
 
+@pytest.mark.exhaustive
 def test_campaign(samples, targets):
     q, e = samples
     model = KinematicCalibration(ROBOT, TOOL, method="ekf", misfit_std=NOISE)
@@ -281,6 +284,7 @@ def test_network_keeps_still_where_nothing_is_left(samples, targets):
         ResidualNetwork(ROBOT, TOOL).fit(samples[0][:19], samples[1][:19])
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("terms", "mark"), [((), 0.362), (("sin1", "cos1"), 0.318)])
 def test_measured_arm(ur10, terms, mark):
     """A UR10 read by a laser tracker: mean of the other half over five random halves [mm]."""

@@ -64,6 +64,7 @@ def errors(rng):
     return PositionalErrors({"cartesian": x}, np.sin(x / 400) + rng.normal(scale=0.02, size=x.shape))
 
 
+@pytest.mark.exhaustive
 def test_what_is_left_is_told_by_the_outer_loop(virtual, samples):
     choice = tp.choose([*PLAIN, "calibration"], samples, virtual.cell)
     assert [row["predictor"] for row in choice.ranking] == ["calibration", "ordinary-kriging", "idw", "registration"]
@@ -80,6 +81,7 @@ def test_what_is_left_is_told_by_the_outer_loop(virtual, samples):
     assert 0 < low < choice.ranking[1]["worse_by_mm"] < high
 
 
+@pytest.mark.exhaustive
 def test_outer_loop_pays_for_choosing(rng):
     """Many candidates that are all alike on noise: the best of them looks better than what choosing leaves."""
     x = rng.uniform(0, 1000, (40, 3))
@@ -248,6 +250,7 @@ def test_a_keyboard_interrupt_does_not_reach_the_workers():
     assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
 
 
+@pytest.mark.exhaustive
 @pytest.mark.promise("A worker process ends when the program that started it is killed")
 def test_workers_end_with_a_killed_parent(tmp_path):
     script = tmp_path / "killed.py"

@@ -109,6 +109,7 @@ EXPECTED_TO_FAIL = {
 }
 
 
+@pytest.mark.sampled(120)
 @parametrize_with_checks(
     [OrdinaryKriging(), RegistrationOnly(), *QUICK, *ARMS],
     expected_failed_checks=lambda estimator: EXPECTED_TO_FAIL.get(type(estimator), {}),
@@ -161,6 +162,7 @@ def test_beats_the_mean(model, samples, rng):
     assert np.sqrt(np.mean(residual**2)) < 0.8 * np.sin(targets / 300).std()
 
 
+@pytest.mark.sampled(4)
 def test_pinned_copy_answers_the_same_bit_by_bit(model, samples, rng):
     x, e = samples
     noise, targets = rng.uniform(0, 0.05, (60, 3)), rng.random((50, 3)) * 1000

@@ -66,6 +66,7 @@ def test_near_is_meant_in_units_of_the_ranges(rng):
     np.testing.assert_allclose(got, expected, atol=1e-10)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("neighbours", "mean", "std", "error", "likelihood"), [(16, 0.5, 0.35, 1.11, 70), (32, 0.4, 0.2, 1.06, 35)]
 )
@@ -93,6 +94,7 @@ def test_local_beside_the_exact_answer(field):
     assert np.sqrt(np.mean((mean - truth) ** 2) / np.mean((exact_mean - truth) ** 2)) < 1.08
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("kriging", BOTH)
 def test_fitted_std_is_calibrated(kriging, field):
     x, e, targets, truth = field
@@ -112,6 +114,7 @@ def test_predecessors_are_the_nearest_of_those_before(growing, rng):
             np.testing.assert_allclose(distance[found], np.sort(distance)[:7])
 
 
+@pytest.mark.exhaustive
 def test_a_hundred_thousand_samples(rng):
     x = rng.random((100_000, 3))
     e = np.sin(6 * x) + rng.normal(scale=0.05, size=x.shape)

@@ -66,6 +66,7 @@ def test_an_arm_is_needed():
         make_predictor("calibration")
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("former", ["idw-joint", "calibration-ekf"])
 def test_maps_with_former_names_load(former, tmp_path):
     virtual = tp.VirtualCell("paper", seed=1)

@@ -25,6 +25,7 @@ def listed(program: Program) -> str:
     return "\n".join(f"{t.line} {t.name} {t.motion}: {t.verdict} {t.reason}" for t in program.targets)
 
 
+@pytest.mark.sampled(30)
 @pytest.mark.parametrize("name", CORPUS)
 def test_verdicts(tmp_path: Path, name: str) -> None:
     example = CORPUS[name]
@@ -33,6 +34,7 @@ def test_verdicts(tmp_path: Path, name: str) -> None:
     assert program.counts() == wanted, listed(program)
 
 
+@pytest.mark.sampled(20)
 @pytest.mark.parametrize("name", CORPUS)
 def test_only_digits_change(tmp_path: Path, make_map: Any, name: str) -> None:
     example = CORPUS[name]

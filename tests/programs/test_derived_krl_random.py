@@ -277,6 +277,7 @@ def lines_of(text: str, name: str) -> set[int]:
     return {k for k, line in enumerate(text.splitlines(), 1) if line.strip() == f"LIN {name}"}
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("part", range(2))
 def test_a_controller_goes_only_where_the_reader_says(read: Any, part: int) -> None:
     followed = 0

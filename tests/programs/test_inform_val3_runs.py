@@ -155,7 +155,7 @@ def test_a_shift_of_any_element_is_known_to_all(tmp_path: Path, make_map: Any, g
 
 
 @pytest.mark.parametrize("ending", ["\n", "\r\n"])
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 def test_long_programs_are_read_in_runs(tmp_path: Path, make_map: Any, ending: str) -> None:
     rows = np.random.default_rng(1).uniform(-180, 180, (2_500, 3))
     head = "/JOB\n//NAME A\n//POS\n///TOOL 1\n///POSTYPE BASE\n///RECTAN\n"

@@ -95,6 +95,7 @@ def test_a_long_program_is_read_in_runs(tmp_path: Path, ending: str, branch: str
     assert program.counts() == {"correct": 10_000, "skip": 0, "refuse": 0}
 
 
+@pytest.mark.exhaustive
 def test_a_long_program_is_corrected_like_a_short_one(tmp_path: Path, make_map: Any) -> None:
     path, _ = long_program(tmp_path, 9_000, "\r\n")
     shift = np.random.default_rng(2).uniform(-1, 1, (9_000, 3))

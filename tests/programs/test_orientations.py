@@ -113,6 +113,7 @@ ANGLE_PATTERNS = {
 }
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", sorted(LANGUAGES))
 def test_orientation_digits_change_only_when_asked(name: str, tmp_path: Path, make_map: Any) -> None:
     language = LANGUAGES[name]

@@ -81,7 +81,7 @@ def test_runs_of_names_and_single_lines_agree(
 
 
 @pytest.mark.parametrize("several", [False, True])
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 def test_a_long_path_of_names_is_read_in_runs(tmp_path: Path, make_map: Any, several: bool) -> None:
     rows = np.random.default_rng(1).uniform(-180, 180, (2_500, 3))
     data = [

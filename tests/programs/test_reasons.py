@@ -41,7 +41,7 @@ def own_words(program: Program) -> re.Pattern[str]:
 
 
 @pytest.mark.parametrize("derived", [False, True])
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(1)
 def test_kinds_of_reasons_name_no_point_no_file_and_no_line(backup: Path, derived: bool) -> None:
     seen = 0
     for program in programs(backup, derived=derived):
@@ -56,7 +56,7 @@ def test_kinds_of_reasons_name_no_point_no_file_and_no_line(backup: Path, derive
     assert seen
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 def test_a_backup_has_few_kinds_of_reasons(backup: Path) -> None:
     left = [target for program in programs(backup) for target in program.targets if target.reason]
     groups = group_reasons(left)

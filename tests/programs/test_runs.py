@@ -259,7 +259,7 @@ LINES = {
 
 @pytest.mark.parametrize("ending", ["\n", "\r\n"])
 @pytest.mark.parametrize("name", LINES)
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 def test_a_long_program_is_read_in_runs(tmp_path: Path, make_map: Any, name: str, ending: str) -> None:
     frame, line = LINES[name]
     rows = np.random.default_rng(1).uniform(-180, 180, (2_500, 3))
@@ -272,6 +272,7 @@ def test_a_long_program_is_read_in_runs(tmp_path: Path, make_map: Any, name: str
     assert told(path, make_map, 16) == told(path, make_map, 10**9)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("ending", ["\n", "\r\n"])
 def test_a_long_fanuc_program_is_read_in_runs(tmp_path: Path, make_map: Any, ending: str) -> None:
     n, frames = 2_500, "UF : 0, UT : 1,\t\tCONFIG : 'N U T, 0, 0, 0'"

@@ -13,7 +13,7 @@ EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("plot_*.py"))
 
 @pytest.mark.filterwarnings("ignore:.*no sill within the samples:truepose.errors.VariogramWarning")
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-@pytest.mark.sampled(2)
+@pytest.mark.exhaustive
 def test_runs(path: Path) -> None:
     with mpl.rc_context({"backend": "agg"}), warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)

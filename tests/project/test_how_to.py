@@ -130,6 +130,7 @@ def script(name: str, *arguments: object) -> str:
     return done.stdout
 
 
+@pytest.mark.exhaustive
 def test_a_command_is_followed(practice: Path, tmp_path: Path) -> None:
     cell, samples = practice / "cell.toml", practice / "fit_samples.csv"
     told = script("follow.py", "fit", cell, samples, "--predictor", "idw", "--out", tmp_path / "map.truepose")
@@ -140,6 +141,7 @@ def test_a_command_is_followed(practice: Path, tmp_path: Path) -> None:
     assert refused.splitlines()[-1].startswith(f"File not accepted: {cell}")
 
 
+@pytest.mark.exhaustive
 def test_the_control_loop(tmp_path: Path) -> None:
     told = script("control_loop.py", tmp_path)
     assert told.startswith("<FrozenMap of kuka-kr210-r2700-extra: kinematic-kriging, within 0.")
@@ -147,6 +149,7 @@ def test_the_control_loop(tmp_path: Path) -> None:
     assert (tmp_path / "cell.frozen").stat().st_size < 500_000
 
 
+@pytest.mark.exhaustive
 def test_the_production_cell(practice: Path, tmp_path: Path) -> None:
     folder = shutil.copytree(practice, tmp_path / "cell")
     assert " mm before, 0.0" in script("production_cell.py", folder)
@@ -176,6 +179,7 @@ def test_two_arms_of_ones_own() -> None:
         np.testing.assert_allclose(tp.load_robot(FILES / "arms" / file).forward(q), tp.load_robot(name).forward(q))
 
 
+@pytest.mark.exhaustive
 def test_comparing(practice: Path) -> None:
     lines = script("compare.py", practice / "cell.toml", practice / "fit_samples.csv").splitlines()
     assert {line.split()[0] for line in lines[:4]} == {"registration", "idw", "ordinary-kriging", "calibration"}
@@ -214,6 +218,7 @@ def test_the_thirty_programs_of_the_integrators_tutorial(tmp_path: Path, monkeyp
         assert len(project.modules) == 30 - unreadable
 
 
+@pytest.mark.exhaustive
 def test_the_arm_of_the_tutorial(tmp_path: Path) -> None:
     shutil.copytree(FILES / "own_arm", tmp_path / "own_arm")
     with pytest.MonkeyPatch.context() as patch:

@@ -145,6 +145,7 @@ def test_a_sample_takes_files_in_turn_and_is_part_of_a_larger_one() -> None:
     assert sample(changes, sources, 2, 99) != all_
 
 
+@pytest.mark.exhaustive
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked")
 def test_a_tiny_package(tmp_path: Path) -> None:
     """What each tier kills, what survives, what is reviewed; a second run tries again only what it is asked for."""

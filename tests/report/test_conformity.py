@@ -28,6 +28,7 @@ def stated_cell(cell, tmp_path_factory):
     return Cell.from_toml(text, folder=folder)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.promise("the report decides on conformity by ISO 14253-1, and flags missing facts")
 @pytest.mark.parametrize("language", LOCALES)
 def test_conformity_and_missing_facts(error_map, cell, stated_cell, study, language, no_figures):

@@ -136,6 +136,7 @@ def test_two_hundred_programs_with_long_names(error_map, study, tmp_path, no_fig
     assert b"%PDF-" in to_pdf(made, DATE)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("locale", ["en", "de", "zh"])
 def test_programs_corrected_with_a_draft_are_marked(error_map, study, sidecar, no_figures, locale):
     say = load_locale(locale)
@@ -145,6 +146,7 @@ def test_programs_corrected_with_a_draft_are_marked(error_map, study, sidecar, n
         assert (draft in document(gather(error_map, study=study, sidecars=[sidecar(content)]), say).text()) == marked
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("state", ["draft", "released", "superseded", "withdrawn"])
 def test_a_report_made_with_a_store_shows_the_state_of_the_map_and_the_head(error_map, study, no_figures, state):
     made = document(gather(error_map, study=study, store=StoreEntry(17, "f" * 64, state)), EN)

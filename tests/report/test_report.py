@@ -31,6 +31,7 @@ from truepose.report.sections import controller_angles, document
 from truepose.samples import Samples
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("locale", LOCALES)
 def test_page_asks_for_nothing(documents, locale):
     page = to_html(documents[locale])
@@ -104,6 +105,7 @@ def test_pages_carry_their_chinese_characters(documents):
     assert "@font-face" not in to_html(documents["en"])
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("locale", LOCALES)
 def test_pdf_is_whole_and_the_same_each_time(documents, locale):
     pdf = to_pdf(documents[locale], DATE)
@@ -122,6 +124,7 @@ def test_without_held_out_poses_the_report_says_so(error_map, study, no_figures)
     assert made.tiles[-1] == ("60", "poses, leave-one-out")
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("language", LOCALES)
 def test_a_far_better_predictor_is_named(cell, evidence, study, language, no_figures):
     """The ratio is recomputed: registration leaves more than kinematics does."""
@@ -153,6 +156,7 @@ def test_a_map_that_makes_errors_larger_is_not_praised(evidence, language, no_fi
     assert texts[0] == texts[1]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("language", LOCALES)
 def test_the_noise_of_a_reading_has_one_source(error_map, cell, study, language, no_figures):
     """A table with standard deviations outweighs the cell file, and the report names what it used."""
@@ -245,6 +249,7 @@ def test_pdf_without_typst_names_the_remedy(error_map, study, tmp_path, monkeypa
         write_report(error_map, tmp_path / "report.pdf", study=study)
 
 
+@pytest.mark.exhaustive
 def test_pictures_are_the_same_each_time(evidence, documents):
     assert to_html(document(evidence, load_locale("de"))) == to_html(documents["de"])
 

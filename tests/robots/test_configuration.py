@@ -25,7 +25,7 @@ TOOL = [0.0, 50.0, 300.0]
 
 
 @pytest.mark.parametrize("name", ABBS)
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 def test_pose_with_confdata_gives_the_joints(name: str, rng: np.random.Generator) -> None:
     robot = load_robot(name)
     q = rng.uniform(*robot.limits.T, size=(5000, 6))
@@ -35,7 +35,7 @@ def test_pose_with_confdata_gives_the_joints(name: str, rng: np.random.Generator
 
 
 @pytest.mark.parametrize("name", FANUCS)
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 def test_pose_with_config_gives_the_joints(name: str, rng: np.random.Generator) -> None:
     robot = load_robot(name)
     lower, upper = robot.limits.T

@@ -139,7 +139,7 @@ class _Named:
 
 @pytest.mark.parametrize("convention", CONVENTIONS)
 @pytest.mark.parametrize("name", ARMS)
-@pytest.mark.sampled(24)
+@pytest.mark.sampled(8)
 def test_jacobian_is_the_complex_step(name, convention, rng):
     model = error_model(perturbed(load_robot(name), rng), convention, TOOL)
     q = rng.uniform(-3, 3, (2, 6))
@@ -160,7 +160,7 @@ def test_jacobian_is_the_complex_step(name, convention, rng):
 
 
 @pytest.mark.parametrize("name", ARMS)
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 def test_conversions_keep_forward_kinematics(name, rng):
     q = rng.uniform(-np.pi, np.pi, (1000, 6))
     for robot in (load_robot(name), perturbed(load_robot(name), rng)):

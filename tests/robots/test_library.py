@@ -79,6 +79,7 @@ def test_axes_and_flange_at_zero_are_those_of_the_maker(name: str) -> None:
     np.testing.assert_allclose(axes.tf_base_flange[:3, :2].T, flange, atol=1e-12)
 
 
+@pytest.mark.sampled(20)
 @pytest.mark.parametrize("name", LIBRARY)
 def test_inverse_leads_back(name: str, rng: np.random.Generator) -> None:
     robot = load_robot(name)
@@ -139,6 +140,7 @@ def test_ur10_agrees_with_the_craig_table_of_the_measurements(ur10: Path, rng: n
     np.testing.assert_allclose(load_robot("universal-robots-ur10").forward(q), craig.forward(q), atol=1e-9)
 
 
+@pytest.mark.sampled(20)
 @pytest.mark.parametrize("name", LIBRARY)
 def test_text_and_back(name: str, tmp_path: Path, rng: np.random.Generator) -> None:
     robot = load_robot(name)

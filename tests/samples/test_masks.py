@@ -156,6 +156,7 @@ def test_import_takes_a_mask_and_masks_a_gross_reading(
     assert [one["point"] for one in read_samples(tmp_path / "samples.csv").excluded] == ["P011"]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("key", ["P011", 11])
 @pytest.mark.parametrize("row", [["nan"] * 3, ["0"] * 3, None])
 def test_a_masked_point_may_lack_its_reading(

@@ -286,6 +286,7 @@ def test_contradicting_repeats(rng: np.random.Generator) -> None:
     check(replace(moved, load=load))  # another payload is another configuration
 
 
+@pytest.mark.exhaustive
 def test_many_rows_are_read_again(tmp_path: Path, rng: np.random.Generator) -> None:
     samples = random_samples(rng, 12_000)
     write_samples(tmp_path / "many.csv", samples)
@@ -316,6 +317,7 @@ class TestAgainstRobot:
         with pytest.raises(DataError, match=r"rows 4, 9: joints and commanded positions disagree by up to .* swapped"):
             check_against(replace(poses, p_cmd=p_cmd), self.robot)
 
+    @pytest.mark.sampled(1)
     @pytest.mark.parametrize(
         ("q", "p", "unit"),
         [

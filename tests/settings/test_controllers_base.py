@@ -38,6 +38,7 @@ def samples(virtual) -> Samples:
     return virtual.measure(virtual.design(60, seed=1))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("place", PLACES)
 def test_corrections_are_those_of_the_true_base(virtual, samples, place):
     """A cell whose model lies elsewhere corrects as one whose model lies in the controller's base."""

@@ -59,6 +59,7 @@ def test_a_backup_restores_on_every_engine(
         assert restored.read_blob(sha) == bytes(range(256))
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("part", [1, 7, 2**20])
 def test_lines_of_a_backup_may_end_anywhere_in_a_part(
     tmp_path: Path, part: int, monkeypatch: pytest.MonkeyPatch

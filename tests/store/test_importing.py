@@ -174,6 +174,7 @@ def test_an_updated_map_has_its_parent_and_the_samples_of_both(store, team, fold
     assert [one["name"] for one, _ in recall_map(store, team["eva"], "map").updated] == ["april", "moved"]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("packed", [False, True])
 def test_a_program_of_a_teach_pendant_is_taken_with_its_record(store, team, folder, packed):
     """A .urp, whose text is packed in the file; its original lies beside it, or in the .zip of a backup."""

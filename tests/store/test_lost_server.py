@@ -122,6 +122,7 @@ def test_a_lost_connection_is_made_again(correct, lose, address) -> None:
     assert rows(address) == (1, 1)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("lose", ["stopped", "killed"], indirect=True)
 @pytest.mark.parametrize("place", ["put_program", "put_correction"])
 def test_a_server_lost_while_rows_are_written(correct, place, lose, server, address, tmp_path) -> None:

@@ -105,6 +105,7 @@ def test_a_truncated_write_ahead_log_is_found(tmp_path: Path, part: float) -> No
     assert re.search("are missing at the end of the audit trail|there is no store", found)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("part", [0.0, 0.1, 0.5, 0.9])
 def test_a_truncated_database_is_refused_or_found(tmp_path: Path, part: float) -> None:
     with Store.open(tmp_path, create=True) as store, store.transaction("a") as change:

@@ -96,6 +96,7 @@ def test_replace_and_truncate_are_no_way_around(store: Store) -> None:
         connection.exec_driver_sql(statement)
 
 
+@pytest.mark.exhaustive
 def test_eight_writers_make_one_chain(address: str) -> None:
     def write(writer: int) -> None:
         with Store.open(address) as store:  # connections of its own, as in a process of its own

@@ -154,6 +154,7 @@ def test_a_validation_is_recorded_with_its_samples(enter, tokens, files):
     assert "needs the role" in enter("validate", "m", files / "later.csv", token=tokens["eva"]).failed()
 
 
+@pytest.mark.exhaustive
 def test_a_report_shows_the_head_and_the_state(enter, tokens, files, address, no_figures):
     enter("fit", files / "cell.toml", files / "samples.csv", *FIT, "--out", files / "m.truepose", token=tokens["anna"])
     with Store.open(address) as store:
@@ -178,6 +179,7 @@ def test_a_command_that_may_not_record_does_nothing(enter, tokens, files):
     assert not out.exists()
 
 
+@pytest.mark.exhaustive
 def test_files_that_the_store_lost_are_named_and_taken_in_later(enter, tokens, files, monkeypatch):
     """The user is disabled while the command works: its file stays, and the message says what to do."""
     from truepose.store import access, users

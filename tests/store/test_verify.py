@@ -45,6 +45,7 @@ def test_a_store_that_nobody_touched_is_whole(filled: Store) -> None:
     assert (found.rows, found.blobs) == (4, 2)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("statement", "fault"),
     [

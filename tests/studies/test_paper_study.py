@@ -24,6 +24,7 @@ def reduction_max(results, orientation, method):
     ]
 
 
+@pytest.mark.exhaustive
 def test_papers_method_at_one_orientation(results):
     assert all(75 < reduction < 95 for reduction in reduction_max(results, "fixed", PAPERS))
 

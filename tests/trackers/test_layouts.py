@@ -289,6 +289,7 @@ def spoilt(samples: Samples, rng: np.random.Generator) -> tuple[Samples, dict[st
     return Samples(p, **values, source=samples.source)[order], which
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("layout", [layout.key for layout in LAYOUTS])
 def test_there_and_back(tmp_path: Path, measured: Samples, layout: str, rng: np.random.Generator) -> None:
     """Virtual cell, file, import: the same samples within the layout's rounding; what is wrong is found and named."""

@@ -221,6 +221,7 @@ def test_missing_doubled_swapped_and_gross_together(seed: int, n: int, tool_erro
         np.testing.assert_allclose(samples.p_meas, np.delete(p, gone, axis=0), atol=0.1)
 
 
+@pytest.mark.exhaustive
 def test_two_thousand_rows(rng: np.random.Generator) -> None:
     axis = np.linspace(-600, 600, 13)
     p_cmd = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)[:2000]
@@ -258,6 +259,7 @@ def test_measured_robot(ur10: Path, rng: np.random.Generator) -> None:
     assert summary.missing == (5, 300, 301, 600)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("shift", [3.0, 800.0])
 @pytest.mark.parametrize("at", [15, 30, 45])
 @pytest.mark.parametrize("bad", [False, True])

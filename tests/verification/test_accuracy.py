@@ -25,6 +25,7 @@ def test_reduction_and_axes(rng):
     assert figures.intervals["reduction_mean_percent"] == pytest.approx((80.0, 80.0))
 
 
+@pytest.mark.exhaustive
 def test_interval_covers_the_true_mean():
     """In 200 repetitions the 95 % interval of the mean holds the true mean 95 % of the time, within chance."""
     held = 0

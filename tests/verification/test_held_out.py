@@ -11,6 +11,7 @@ from truepose.verification import RP_PER_STD, coverage, held_out, usual_groups
 from truepose.verification.performance import pose_repeatability
 
 
+@pytest.mark.exhaustive
 def test_a_perfect_predictor_leaves_the_noise() -> None:
     rng = np.random.default_rng(1)
     std = np.array([0.02, 0.01, 0.03])

@@ -234,6 +234,7 @@ def test_an_interrupt_ends_jobs_pages_and_server(server: Server, folder: Path) -
     assert events("".join(seen))[-1][1]["state"] == "interrupted"
 
 
+@pytest.mark.exhaustive
 @posix
 def test_a_job_of_a_killed_server_is_interrupted_and_runs_again(server: Server, folder: Path) -> None:
     job = server.start(folder)
@@ -253,11 +254,13 @@ def test_a_job_of_a_killed_server_is_interrupted_and_runs_again(server: Server, 
         later.process.communicate()
 
 
+@pytest.mark.exhaustive
 def test_a_second_server_in_the_workspace_is_refused_in_one_line(server: Server, folder: Path, run: Any) -> None:
     message = run("app", folder, "--port", "0", "--no-browser").failed()
     assert f"in use by another truepose app (process {server.process.pid})" in message
 
 
+@pytest.mark.exhaustive
 def test_the_real_server_may_save_a_file_that_it_has_read_or_written(server: Server) -> None:
     made = server.client.post(f"{API}/cells", data={"name": "hall", "robot": "kuka-kr150-2"})
     assert made.status_code == 201, made.text
@@ -269,6 +272,7 @@ def test_the_real_server_may_save_a_file_that_it_has_read_or_written(server: Ser
         assert saved.status_code == 200, saved.text
 
 
+@pytest.mark.exhaustive
 @pytest.mark.skipif(sys.platform != "linux", reason="reads the memory from /proc")
 def test_two_gigabytes_are_refused_while_they_stream_and_take_neither_memory_nor_disk(
     server: Server, folder: Path

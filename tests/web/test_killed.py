@@ -79,6 +79,7 @@ def finished(server: Server, job: dict[str, Any]) -> dict[str, Any]:
     return now
 
 
+@pytest.mark.exhaustive
 def test_a_server_killed_between_two_renames_leaves_all_or_nothing_and_the_job_runs_again(
     started: Callable[[], Server],
     stall: Path,

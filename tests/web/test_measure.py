@@ -195,6 +195,7 @@ def test_a_row_that_holds_no_number_is_shown_and_can_be_masked(running: Bench) -
     assert wait(running, unmasked).state == "failed"
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("reasons", [{N: "not in the table"}, {0: "x" * 300}, {"a": "b"}])
 def test_masks_that_make_no_sense_write_nothing(running: Bench, reasons: dict[Any, str]) -> None:
     assert wait(running, running.send(preview=False)).state == "done"
@@ -298,6 +299,7 @@ def test_what_the_import_would_refuse_is_said_with_its_remedy(running: Bench) ->
     assert "--missing" in job.problem["detail"]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("encoding", "ends"), [("utf-8", b"\r\n"), ("utf-8-sig", b"\n"), ("utf-16", b"\r\n")])
 def test_encodings_and_line_ends_make_no_difference(bench: Bench, encoding: str, ends: bytes) -> None:
     text = bench.readings.read_text("utf-8").replace("\n", ends.decode())
@@ -333,6 +335,7 @@ def test_names_of_files_are_never_paths_or_options(bench: Bench, name: str) -> N
     assert set(bench.folder.parent.parent.iterdir()) == outside
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["-x.csv", "セル.csv"])
 def test_odd_names_of_files_are_imported(running: Bench, name: str) -> None:
     job = wait(running, running.send(preview=False, name=name))

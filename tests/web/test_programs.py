@@ -229,6 +229,7 @@ def in_other_bytes(name: str, virtual: VirtualCell) -> bytes:
     return text.replace("\r\n", "\n").replace("REMARK", "Prüfbohrung").encode("utf-8")
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["sjis.src", "lines.src", "panel.jbi"])
 def test_no_byte_outside_the_digits_changes(client: TestClient, virtual: VirtualCell, name: str) -> None:
     given = in_other_bytes(name, virtual)

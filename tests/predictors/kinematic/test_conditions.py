@@ -54,7 +54,7 @@ def test_a_known_direction_is_predicted(fitted):
 
 
 @pytest.mark.parametrize("unknown", ["no columns", "not a number", "zero"])
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 def test_an_unknown_direction_is_the_mean_of_both_with_their_difference_in_the_deviation(fitted, unknown):
     q = simulate(20, 2)[0]
     x = {"no columns": q, "not a number": reversing(q, np.full_like(q, np.nan)), "zero": reversing(q, 0 * q)}[unknown]
@@ -159,7 +159,7 @@ def uneven(n, seed, noise=0.01, share=0.5):
 
 
 @pytest.mark.parametrize("solver", ["covariance", "basis"])
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 def test_backlash_may_vary_with_the_angle(solver):
     """Taken where it varies; left out, with the same predictions, where it does not."""
     left, taken = {}, {}
@@ -192,6 +192,7 @@ def test_an_unknown_side_counts_the_largest_shape():
     assert (np.linalg.norm(std, axis=1) > np.linalg.norm(known, axis=1)).all()
 
 
+@pytest.mark.exhaustive
 def test_an_offset_that_moves_is_followed():
     """Joint 2 moves by 0.3 mrad while 120 poses are measured; predictions are for its mean, and say how far it went."""
     rng = np.random.default_rng(3)

@@ -125,6 +125,7 @@ def test_errors_at_another_point_of_the_tool(fitted):
     assert np.all(std[:, :3].mean(axis=0) > model.predict(q, return_std=True)[1].mean(axis=0))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("residual", ["joint", "none"])
 def test_orientation_in_both_forms(residual):
     q, e = simulate(60, np.random.default_rng(3))
@@ -183,6 +184,7 @@ def test_leave_block_out_in_both_forms(fitted):
     np.testing.assert_allclose(residual[~kept], target[~kept] - without.mean(model._terms.at(q[~kept])), atol=1e-8)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("finer", "tolerance"),
     [({}, 0.15), ({"knots": 40.0, "most": 2000, "negligible": 1e-8}, 0.02)],
@@ -288,6 +290,7 @@ def test_the_log_likelihood_is_the_normal_density(residual):
     assert in_basis == pytest.approx(expected, abs=0.1)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("n", "solver"), [(400, "covariance"), (1100, "basis")])
 def test_the_solver_is_chosen_by_size_and_told(n, solver):
     q, e = simulate(n + 50, np.random.default_rng(8))
@@ -373,6 +376,7 @@ def test_measured_ur10(ur10):
     assert 0.9 < np.mean(np.abs((e[test] - predicted) / std) < 1.96) < 0.98
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("solver", ["covariance", "basis"])
 def test_update_is_a_fit_of_all_samples_with_the_same_hyperparameters(solver):
     q, e = simulate(120, np.random.default_rng(20))

@@ -34,6 +34,7 @@ def with_broken_numbers(rng: np.random.Generator, data: bytes) -> bytes:
     return NUMBER.sub(broken, data)
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("maker", list(backups()))
 def test_a_broken_number_is_an_error_with_words_and_never_a_crash(tmp_path: Path, maker: str, seed: int) -> None:

@@ -23,6 +23,7 @@ def test_every_maker_is_on_the_page() -> None:
     assert set(stated()) == set(coverage.MAKERS) == set(coverage.CORPORA)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("maker", coverage.MAKERS)
 def test_the_page_states_what_reading_allows(maker: str, tmp_path: Path) -> None:
     path = coverage.backup(maker, tmp_path)
@@ -33,6 +34,7 @@ def test_the_page_states_what_reading_allows(maker: str, tmp_path: Path) -> None
     assert found[1].done >= coverage.GOAL * found[1].targets
 
 
+@pytest.mark.exhaustive
 def test_the_script_writes_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(coverage, "MAKERS", {"Stäubli": coverage.MAKERS["Stäubli"]})
     coverage.report(tmp_path / "coverage.md")

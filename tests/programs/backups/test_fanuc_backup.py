@@ -141,6 +141,7 @@ def test_corrected_digits_agree_with_a_computation_of_their_own(backup: Path) ->
     assert checked > 1500
 
 
+@pytest.mark.exhaustive
 @pytest.mark.promise("FANUC: 85 % of the motions of a backup to Cartesian targets are corrected, or follow such")
 def test_the_share_that_is_corrected(backup: Path, record_property: Callable[..., None]) -> None:
     shares, reasons = {}, set()

@@ -138,6 +138,7 @@ def test_tools_and_bases_are_read_with_names_lines_and_problems(folder: Path) ->
     assert stored.bases[9].name == ""
 
 
+@pytest.mark.exhaustive
 def test_every_target_that_is_corrected_stands_in_the_base_of_an_independent_reader(program: Program) -> None:
     files = {f"{source.path}": source.data for source in program.sources}
     known = {(pose.file, pose.spans[0]): pose for pose in taught(files)}
@@ -316,6 +317,7 @@ def test_without_config_dat_the_backup_is_recognised_and_says_what_is_missing(tm
     assert "is not known; give it in [frames" in " ".join(reasons(read(folder)))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("more", "message"),
     [

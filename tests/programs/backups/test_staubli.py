@@ -166,6 +166,7 @@ def test_points_in_structures_and_elements_that_are_not_written(programs: dict[s
 ADDED = b"movel(pSeen,geo:tGripA,mSlow)"
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("code", "name", "reason"),
     [
@@ -200,6 +201,7 @@ def test_a_value_is_not_followed_past_a_place_that_control_may_come_to(tmp_path:
     assert "read by arithmetic" in reason_of(found, "load1", "pPart1")
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("step", [b"951.2.3.5", b".", b"1..5", b"9" * 400])
 def test_a_value_is_not_followed_by_a_step_that_is_no_number(tmp_path: Path, step: bytes) -> None:
     code = b"pUp=pPart1\n  pUp.trsf.z=pUp.trsf.z+"
@@ -228,6 +230,7 @@ def test_frames_that_go_in_a_circle_are_not_known(tmp_path: Path) -> None:
     assert "base geo:fChuck is not known" in reason_of(found, "deburr", "pIn")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("name", "old", "new", "message"),
     [

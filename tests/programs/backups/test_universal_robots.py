@@ -107,6 +107,7 @@ def test_the_controller_is_recognised(folder: Path) -> None:
         np.testing.assert_allclose(frames.bases[name].tf[:3, :3], tf[:3, :3], atol=1e-12)
 
 
+@pytest.mark.exhaustive
 def test_a_correction_of_zero_returns_every_file(folder: Path) -> None:
     for one in read_programs([folder], None, ALL).programs:
         done = correct_program(one, Sagging(MAP.robot, 0.0), on_guard="skip")
@@ -180,6 +181,7 @@ def joints(text: bytes) -> list[float]:
     return [float(part) for part in text.split(b",")]
 
 
+@pytest.mark.exhaustive
 def test_the_share_that_is_corrected(folder: Path, corrected: list[CorrectedProgram]) -> None:
     """More than 85 % of the targets of scripts are corrected with --derived; the others depend on the run time."""
     scripts = [one for one in corrected if one.program.language == "urscript"]
@@ -221,6 +223,7 @@ def _generated(name: str) -> bool:
     return name.endswith(".script") and name.removesuffix(".script") + ".urp" in FILES
 
 
+@pytest.mark.exhaustive
 def test_a_zip_differs_in_corrected_programs_alone(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "backup.zip", "w", zipfile.ZIP_DEFLATED) as packed_files:
         for name, data in FILES.items():
