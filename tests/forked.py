@@ -44,6 +44,9 @@ class Forked:
         to_child.close()
         from_child.close()
 
+    def kill(self) -> None:
+        self._process.kill()
+
     def wait(self) -> int:
         self._process.join()
         self.returncode = self._process.exitcode

@@ -190,6 +190,7 @@ def test_what_is_wrong_is_said_without_a_traceback(
             run(monkeypatch, *wrong)
 
 
+@pytest.mark.exhaustive
 def test_the_data_of_the_package_are_such_a_folder() -> None:
     command = [sys.executable, "-m", "benchmarks", "accuracy", "--data", EXAMPLE, "--check"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True)

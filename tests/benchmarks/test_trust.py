@@ -1,5 +1,7 @@
 """The page of promises and of corrected targets that got worse, in small."""
 
+import pytest
+
 from benchmarks import trust, trust_cells
 
 TESTS = """
@@ -38,6 +40,7 @@ def test_every_kind_of_troubled_cell_is_in_the_study():
     assert len(trust_cells.KINDS) == 10
 
 
+@pytest.mark.exhaustive
 def test_the_fate_of_targets():
     good, weak = trust_cells.fates("paper", 100, samples=40, predictors=("ordinary-kriging", "registration"))
     assert good.corrected > 90

@@ -6,6 +6,7 @@ import re
 import zipfile
 from pathlib import Path
 
+import pytest
 from tests.browser.opening import PAGES, Browser, Opened, Server
 
 from truepose.error_map import load_map
@@ -66,6 +67,7 @@ def download_by_keys(app: Opened, name: str) -> Path:
     return Path(saved.value.path())
 
 
+@pytest.mark.exhaustive
 def test_every_page_is_reached_by_keys(browser: Browser, server: Server) -> None:
     with browser.opened(server) as app:
         for page in PAGES[1:]:

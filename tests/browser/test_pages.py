@@ -32,7 +32,7 @@ def show_correction(app: Opened, *, from_page: str = "") -> None:
         (NARROW, "dark", "zh"),
     ],
 )
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 def test_every_page_fits_its_window(
     browser: Browser, server: Server, pictures: Path, width: int, theme: str, language: str
 ) -> None:
@@ -53,7 +53,7 @@ def test_every_page_fits_its_window(
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
 @pytest.mark.parametrize("width", [WIDE, NARROW])
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 def test_every_page_is_accessible(browser: Browser, server: Server, axe: str, width: int, theme: str) -> None:
     found = []
     with browser.opened(server, width=width, theme=theme) as app:

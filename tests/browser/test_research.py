@@ -57,6 +57,7 @@ def shown_model(app: Opened, held: dict[str, float]) -> dict[str, float]:
     return {name: float(app.page.get_by_label(label).last.input_value()) for name, label in fields.items()}
 
 
+@pytest.mark.exhaustive
 def test_dragged_parameters_are_held_and_the_others_fitted_again(
     browser: Browser, server: Server, pictures: Path
 ) -> None:

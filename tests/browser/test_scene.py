@@ -76,6 +76,7 @@ def settled_script(app: Opened) -> float:
     return float(app.page.evaluate(_COUNTERS)["scriptMs"])
 
 
+@pytest.mark.exhaustive
 def test_slow_graphics_show_fewer_arrows_and_say_so(app: Opened) -> None:
     app.page.evaluate(_FILL, MANY)
     found = settled(app)
@@ -87,6 +88,7 @@ def test_slow_graphics_show_fewer_arrows_and_say_so(app: Opened) -> None:
     assert "shown" not in app.page.inner_text(".scene-legend")
 
 
+@pytest.mark.exhaustive
 def test_nothing_is_drawn_while_nothing_changes(app: Opened) -> None:
     before = settled(app)["frames"]
     app.page.wait_for_timeout(500)
@@ -100,6 +102,7 @@ def test_nothing_is_drawn_while_nothing_changes(app: Opened) -> None:
     assert app.page.evaluate(_COUNTERS)["frames"] > before
 
 
+@pytest.mark.exhaustive
 def test_a_view_that_is_left_frees_its_memory(app: Opened) -> None:
     first = settled(app)
     for _ in range(3):
@@ -117,6 +120,7 @@ def test_a_view_that_is_left_frees_its_memory(app: Opened) -> None:
     assert app.page.locator(".scene-host canvas").count() == 1
 
 
+@pytest.mark.exhaustive
 def test_a_lost_context_is_told_and_comes_back(app: Opened) -> None:
     settled(app)
     app.page.evaluate(
@@ -147,6 +151,7 @@ def test_without_webgl_a_sentence_stands_and_the_tables_remain(browser: Browser,
         assert app.page.get_by_role("row").count() > 5
 
 
+@pytest.mark.exhaustive
 def test_the_theme_repaints_the_view(app: Opened) -> None:
     settled(app)
     light = app.page.locator(".scene-host canvas").screenshot()
@@ -155,6 +160,7 @@ def test_the_theme_repaints_the_view(app: Opened) -> None:
     assert app.page.locator(".scene-host canvas").screenshot() != light
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("name", "unit"), [("Nugget", "mm²"), ("Partial sill", "mm²"), ("Range", "mm")])
 def test_a_handle_of_the_variogram_moves_by_keys_and_holds_its_parameter(app: Opened, name: str, unit: str) -> None:
     app.page.get_by_role("tab", name="Variogram").click()
@@ -176,6 +182,7 @@ def test_a_handle_of_the_variogram_moves_by_keys_and_holds_its_parameter(app: Op
     app.page.wait_for_function("() => !document.querySelector('main').innerText.includes('--hold')")
 
 
+@pytest.mark.exhaustive
 def test_a_grid_is_asked_for_once_and_named_as_predicted(app: Opened) -> None:
     asked: list[str] = []
     app.page.on("request", lambda request: asked.append(request.url) if ".bin" in request.url else None)

@@ -81,6 +81,7 @@ def entered(browser: Browser, server: Server, name: str, **how: Any) -> Iterator
         app.complaints[:] = [text for text in app.complaints if not REFUSED.match(text)]
 
 
+@pytest.mark.exhaustive
 def test_nothing_is_asked_and_nothing_else_shown_before_a_log_in(browser: Browser, team_server: Server) -> None:
     with browser.opened(team_server) as app:
         app.page.get_by_role("heading", name="Log in").wait_for()
@@ -89,6 +90,7 @@ def test_nothing_is_asked_and_nothing_else_shown_before_a_log_in(browser: Browse
         assert not app.complaints
 
 
+@pytest.mark.exhaustive
 def test_an_administrator_adds_and_disables_a_user(browser: Browser, team_server: Server) -> None:
     with entered(browser, team_server, "root") as app:
         page = app.page
@@ -113,6 +115,7 @@ def cards(app: Opened, view: str) -> None:
     app.ready()
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("language", "width", "theme"), [("en", 1400, "light"), ("de", 390, "dark"), ("zh", 390, "light")]
 )

@@ -36,6 +36,7 @@ def archive(files, tmp_path) -> Path:
     return path
 
 
+@pytest.mark.exhaustive
 def test_check_tells_controllers_reasons_options_and_lines(run, archive, tmp_path):
     report = tmp_path / "coverage.csv"
     shown = run("check", archive, "--report", report)

@@ -142,6 +142,7 @@ def test_fit_and_validate(run, cell_files):
     assert "too favourable" in run("validate", cell_files.map, cell_files.samples).out
 
 
+@pytest.mark.exhaustive
 def test_fit_auto_ranks_the_candidates(run, cell_files, tmp_path):
     few = (
         "--candidates",
@@ -190,6 +191,7 @@ def test_warnings_are_one_line(run, monkeypatch):
     assert run().err == "truepose: warning: few digits left\n"
 
 
+@pytest.mark.exhaustive
 def test_similarity(run, cell_files, tmp_path):
     plot = tmp_path / "similarity.svg"
     done = run("similarity", cell_files.cell, cell_files.samples, "--plot", plot, "--json").json
@@ -254,6 +256,7 @@ def test_joint_wise_similarity(run, cell_files, tmp_path):
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.exhaustive
 def test_report_is_one_page_that_asks_for_nothing(run, cell_files, tmp_path):
     out = tmp_path / "report.html"
     assert run("report", cell_files.map, "--test", cell_files.test, "--out", out).code == 0

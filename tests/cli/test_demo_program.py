@@ -81,6 +81,7 @@ def test_correct_writes_records_as_workbooks(run, program, tmp_path):
     assert sheet.cell(2, 1 + heads.index("name")).value == rows[0]["name"]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

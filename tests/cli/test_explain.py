@@ -21,6 +21,7 @@ def kinematic(tmp_path_factory):
     return virtual, error_map, path
 
 
+@pytest.mark.exhaustive
 def test_what_kinematic_kriging_knows(run, kinematic, tmp_path):
     virtual, _, path = kinematic
     done = run("explain", path, "--parameters", "--out", tmp_path / "pictures")

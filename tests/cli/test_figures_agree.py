@@ -55,6 +55,7 @@ def test_without_a_region_explain_speaks_of_the_samples(cell_map):
     assert found.std_mm["max"] < 2 * at_samples.max()
 
 
+@pytest.mark.sampled(1)
 def test_explain_and_predict_give_one_deviation_for_one_pose(run, cell_map, tmp_path):
     _, path = cell_map
     first = run("explain", path, "--json", "--suggestions", 1).json["measure_next"][0]

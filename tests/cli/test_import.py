@@ -56,6 +56,7 @@ def test_reflectors_and_a_plan_in_the_controllers_words(run, folder):
     assert read_samples(folder / "d.csv").rotation_meas is None
 
 
+@pytest.mark.exhaustive
 def test_all_reflectors_are_kept_fitted_and_used(run, folder):
     """Import, fit, validate, predict and correct with three reflectors, of which one is missing at a pose."""
     folder, measured = folder

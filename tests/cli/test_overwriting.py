@@ -55,6 +55,7 @@ def test_existing_files_stay(run, cell_files, tmp_path, k):
     assert len(list(tmp_path.iterdir())) == 3
 
 
+@pytest.mark.exhaustive
 @pytest.mark.promise("--force overwrites a result, but never a map, a cell file, samples, readings, plan or poses.")
 def test_force(run, cell_files, tmp_path):
     out, linked = tmp_path / "out.csv", tmp_path / "linked.csv"

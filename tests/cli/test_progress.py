@@ -73,7 +73,7 @@ def test_every_long_command_is_listed(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("no_figures")
 @pytest.mark.parametrize("name", list(commands(Path(), Path())))
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 def test_a_long_command_shows_its_step_on_a_terminal_only(
     run: Any, demo: Any, bars: list[tuple[bool, list[str]]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:

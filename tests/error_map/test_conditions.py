@@ -312,6 +312,7 @@ def loads():
     return loaded(100, 1, kg, np.column_stack([side, 0 * side, 200.0 + 0 * side]))
 
 
+@pytest.mark.exhaustive
 def test_centres_of_mass_are_used(loads, tmp_path):
     """Of payloads on either side of the flange; in files and maps, at poses, and in the cell for poses without."""
     virtual, samples = loads
@@ -353,6 +354,7 @@ def test_centres_without_mass_or_far_away_are_refused(loads, changes, message):
         check(replace(samples, **changes))
 
 
+@pytest.mark.exhaustive
 def test_payloads_without_a_centre_are_told(run, loads, tmp_path):
     virtual, samples = loads
     cell, table, out = (tmp_path / name for name in ("cell.toml", "samples.csv", "map.truepose"))
@@ -364,6 +366,7 @@ def test_payloads_without_a_centre_are_told(run, loads, tmp_path):
         assert ("without their centre of mass" in " ".join(done.out.split())) == told
 
 
+@pytest.mark.exhaustive
 def test_a_series_from_one_side_is_told(run, tmp_path):
     """Nothing in it shows backlash, nor does the standard deviation."""
     virtual = VirtualCell("paper")

@@ -65,7 +65,7 @@ STATED = {
 
 @pytest.mark.parametrize("stated", STATED)
 @pytest.mark.parametrize("orientation", [False, True])
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(1)
 def test_a_correction_is_for_the_conditions_that_a_prediction_is_for(request, stated, orientation):
     """The error that a correction takes away is the one that is predicted at its command, with its deviation."""
     where, conditions = STATED[stated]
@@ -91,6 +91,7 @@ def test_a_correction_is_for_the_conditions_that_a_prediction_is_for(request, st
         np.testing.assert_allclose(found.rotation_std[done], w_std[done], atol=1e-6)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("predictor", [KRIGING, "calibration", "ordinary-kriging"])
 @pytest.mark.parametrize("condition", [{"load": 30.0}, {"temperature": 35.0}])
 def test_a_pose_under_conditions_that_no_sample_had_is_uncertain(single, predictor, condition):
@@ -251,6 +252,7 @@ def test_payloads_with_tools_are_checked(single):
         error_map.at_work(ConditionsSection.model_validate({"payloads": {"1": {"mass_kg": 3.0}}}))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("load", [-5.0, float("inf"), float("-inf")])
 def test_a_mass_that_cannot_be_is_refused(load: float) -> None:
     virtual = VirtualCell("paper", seed=1)

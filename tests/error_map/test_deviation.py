@@ -122,6 +122,7 @@ def test_unknown_noise_counts_as_error(turned, record_property):
         np.testing.assert_allclose(error_map.predict_errors(samples)[1] ** 2, expected, rtol=1e-9)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.promise("guards, records, predictions, reports and rechecks speak of one deviation")
 def test_one_deviation_everywhere(turned, maps, record_property):
     virtual, samples = turned

@@ -139,6 +139,7 @@ def test_a_wrong_distance_is_left_out_and_named(fitted):
     ]
 
 
+@pytest.mark.exhaustive
 def test_a_wrong_fixed_point_leaves_the_map_as_it_was(bench):
     moved = {name: p + np.array([3.0, -3.0, 2.0]) for name, p in bench.points.items()}
     cell = Cell.from_toml(bench.virtual.cell.to_toml() + bench.toml(moved))
@@ -290,6 +291,7 @@ def test_cell_files_that_cannot_be(bench, text, match):
         Cell.from_toml(f"{bench.virtual.cell.to_toml()}\n{text}\n")
 
 
+@pytest.mark.exhaustive
 def test_on_the_command_line(bench, tmp_path: Path):
     (tmp_path / "cell.toml").write_text(bench.cell.to_toml())
     write_readings(tmp_path / "readings.csv", bench.samples, "tidy")

@@ -389,6 +389,7 @@ def test_joints_beyond_limits_name_their_row(virtual, samples):
         tp.fit_cell(virtual.cell, spoiled)
 
 
+@pytest.mark.exhaustive
 def test_radians_read_as_degrees_are_guessed(ur10):
     samples = tp.read_samples(ur10 / "samples.csv")
     cell = tp.Cell.model_validate({"robot": {"model": "universal-robots-ur10"}, "tool": {"fit": "position"}})
@@ -434,6 +435,7 @@ def test_noise_of_the_readings_reaches_the_predictor_and_survives_the_file(virtu
     assert (tp.fit_cell(stated, silent, "calibration").predict_reading(silent)[1] > 0.3).all()
 
 
+@pytest.mark.exhaustive
 def test_gross_readings_widen_no_intervals(virtual, samples):
     """They are named, and what is taken for noise is the noise of the others."""
     p_meas = samples.p_meas.copy()

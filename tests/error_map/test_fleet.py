@@ -99,6 +99,7 @@ def test_robots_with_nothing_in_common_do_not_harm():
     assert max(ratio) < 1.1
 
 
+@pytest.mark.exhaustive
 def test_contributions_and_curves_include_the_mean(following):
     model, q = following.predictor, following.samples.q
     parts = model.explain(q)
@@ -136,6 +137,7 @@ def another_type():
     return tp.fit_cell(virtual.cell, virtual.measure(virtual.design(30)), PREDICTOR)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("maps", "told"),
     [
@@ -175,6 +177,7 @@ def test_a_fleet_with_a_wrong_part_is_refused(following, wrong):
         Fleet.from_dict({**following.predictor.with_fitted_parameters().fleet, **wrong}, 6)
 
 
+@pytest.mark.exhaustive
 def test_the_command(run, alike, earlier, tmp_path):
     cell, table, out = (tmp_path / name for name in ("cell.toml", "samples.csv", "map.truepose"))
     virtual = alike.cell(0)

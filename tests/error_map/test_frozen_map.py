@@ -132,6 +132,7 @@ def test_a_frozen_map_equals_its_map(maps, name):
     frozen.check_map(error_map)
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=examples(30))
 @given(
     st.sampled_from(["paper", "ur10", "calibrated"]),
@@ -250,6 +251,7 @@ def lies_believed(path, lies, of=""):
     return believed
 
 
+@pytest.mark.exhaustive
 @pytest.mark.promise("No array of a frozen map's file that contradicts its predictions is believed, hashes or not")
 def test_files_that_lie_are_refused(maps, tmp_path):
     """Each array wrong in several ways, with right hashes."""
@@ -298,7 +300,7 @@ def test_frozen_map_is_plain(maps):
 
 @pytest.mark.promise("The standard deviation of a frozen map is not below that of its map by more than 1 nm")
 @pytest.mark.parametrize("name", ["paper", "hard", "ur10"])
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 def test_the_frozen_deviation_is_an_upper_bound(maps, name):
     """At 20,000 poses within the limits and 20,000 among the samples; there it is seldom more than 2 % above."""
     error_map, rng = maps[name], np.random.default_rng(8)
@@ -315,7 +317,7 @@ def test_the_frozen_deviation_is_an_upper_bound(maps, name):
 
 
 @pytest.mark.parametrize("name", ["all terms, basis", "seven axes", "both rests", "no rest", "no joint errors"])
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 def test_combinations_of_readings_bound_the_variance(name):
     """All options of the model, with the variance of the field alone; a cell's part beyond the field hides nothing."""
     model = MODELS[name]()
@@ -340,6 +342,7 @@ def test_one_direction_only_tells_less():
     assert full.drift.shape[1] > 40
 
 
+@pytest.mark.exhaustive
 def test_a_frozen_deviation_has_its_file(maps, tmp_path, monkeypatch):
     monkeypatch.setattr(frozen_deviation, "_ANGLES", (64, 64))  # short tables, and a margin for them
     error_map, path = maps["hard"], tmp_path / "std.frozen"

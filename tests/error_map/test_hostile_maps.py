@@ -103,6 +103,7 @@ def test_a_part_that_nobody_reads_is_refused(parts):
     assert "'more', which is not part" in refused(archive.pack({**content, "more": 1}, arrays))
 
 
+@pytest.mark.exhaustive
 @pytest.mark.promise("A value of another type anywhere in the content of a map file is refused")
 def test_values_of_another_type_are_refused(parts, record_property):
     content, arrays = parts

@@ -64,6 +64,7 @@ def test_orientations_show_the_turns_of_the_arm(virtual, samples, error_map):
     assert here[0] < 1.05 * before[0]
 
 
+@pytest.mark.exhaustive
 def test_a_wrong_orientation_is_left_out_alone(error_map):
     model = error_map.predictor
     n = len(error_map.samples)
@@ -92,6 +93,7 @@ def test_predictions_do_not_look_at_orientations(error_map):
     np.testing.assert_array_equal(error_map.predictor.predict(x), error_map.predictor.predict(hidden))
 
 
+@pytest.mark.exhaustive
 def test_the_mounting_of_the_target_does_not_matter(virtual, samples, error_map):
     turned = replace(samples, rotation_meas=samples.rotation_meas * Rotation.from_euler("xyz", [40, -80, 120], True))
     other = fit_cell(virtual.cell, turned, PREDICTOR)

@@ -76,6 +76,7 @@ def test_a_fitted_orientation_is_the_mean_of_the_measured_ones(virtual: tp.Virtu
     np.testing.assert_allclose(found[:3, :3], tool.as_matrix(), atol=1e-9)
 
 
+@pytest.mark.exhaustive
 def test_joints_in_radians_named_as_degrees_are_hinted_at(virtual: tp.VirtualCell) -> None:
     """Within 6.28°; joints that go farther are degrees."""
     samples, robot = read(virtual), replace(virtual.robot, limits=np.tile([-np.pi, np.pi], (6, 1)))

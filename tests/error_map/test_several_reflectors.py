@@ -119,6 +119,7 @@ def test_folds_keep_rows_of_a_pose_together(cell, samples):
     assert {row["predictor"] for row in chosen.ranking} == {"registration", PREDICTOR}
 
 
+@pytest.mark.exhaustive
 def test_calibration_takes_reflectors(virtual, cell, samples, tmp_path):
     """On arms whose geometry alone errs, three points of the tool show more than one."""
     several, alone, inside = [], [], []

@@ -42,6 +42,7 @@ def fitted(campaign):
     return tp.fit_cell(cell, samples, "calibration")
 
 
+@pytest.mark.exhaustive
 def test_a_map_is_the_same(campaign, fitted):
     cell, samples, other = campaign
     again = tp.fit_cell(cell, as_shown(samples), "calibration")

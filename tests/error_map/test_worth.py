@@ -159,6 +159,7 @@ def test_new_samples_may_make_a_weak_map_a_good_one(virtual, weak):
     assert not more.worth.weak
 
 
+@pytest.mark.exhaustive
 @pytest.mark.promise("`fit`, `validate` and `correct` say that a map is weak; `--accept-weak-map` overrides.")
 def test_the_commands_say_it(virtual, targets, tmp_path):
     cell, table, path, program = (tmp_path / name for name in ("cell.toml", "s.csv", "m.truepose", "a.src"))
@@ -239,6 +240,7 @@ def test_the_largest_deviation_does_not_depend_on_the_samples(virtual, targets, 
     record_property("cases", 2 * len(cases))
 
 
+@pytest.mark.exhaustive
 @pytest.mark.promise("A drift that the campaign shows, also one below the limit, widens the deviation of corrections.")
 def test_a_drift_below_the_limit_widens_the_deviation(record_property):
     seeds = (102, 103)

@@ -222,6 +222,7 @@ def test_names_that_are_not_utf8(tmp_path, run):
     assert run("predict", "absent", path).failed()
 
 
+@pytest.mark.exhaustive
 @pytest.mark.promise("Names of files that are not UTF-8 pass through messages and JSON output without an error")
 def test_names_in_json(tmp_path):
     path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9[b].src"))

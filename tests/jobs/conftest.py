@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from tests.forked import forked_processes
+from tests.tiers import EXHAUSTIVE
 
 import truepose as tp
 from truepose.jobs import Job, JobQueue
@@ -20,6 +23,13 @@ SLOW = ("study", "--seeds", "1000", "--per-axis", "4")
 QUICK = ("robots", "kuka-kr150-2")
 LONG = 120.0
 """Seconds after which a test fails, on any machine."""
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _forked_processes() -> Iterator[None]:
+    """Leave the start of new processes to the second tier."""
+    with nullcontext() if EXHAUSTIVE else forked_processes():
+        yield
 
 
 @pytest.fixture

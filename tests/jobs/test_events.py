@@ -174,6 +174,7 @@ def test_results_and_exit_codes_are_the_same_with_events(run: Any, monkeypatch: 
     assert {command.name for command in app.registered_commands} >= {"robots"}
 
 
+@pytest.mark.exhaustive
 def test_a_command_ends_as_by_an_interrupt_when_its_parent_is_gone(study: subprocess.Popen[str]) -> None:
     assert study.stdin is not None
     study.stdin.close()
@@ -215,6 +216,7 @@ def test_an_interrupt_that_compiled_code_ignores_ends_the_command() -> None:
     assert done.stderr == "truepose: interrupted; no file was written\n"
 
 
+@pytest.mark.exhaustive
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="needs signals")
 def test_a_command_whose_parent_is_killed_is_gone(tmp_path: Path) -> None:
     code = (

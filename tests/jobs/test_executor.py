@@ -76,6 +76,7 @@ def cluster_in_this_process(protocol: str = "tcp://", **options: object) -> Iter
         yield running.scheduler_address
 
 
+@pytest.mark.exhaustive
 def test_programs_are_read_alike_in_all_forms(form, programs, tmp_path, run):
     for k in range(40):
         moves = "".join(f"  movel(p[{0.5 + k / 1e3},{i / 1e3},0.4,0,3.14,0],a=1,v=0.1)\n" for i in range(9))
@@ -103,7 +104,7 @@ def test_files_that_workers_have_read_are_inputs(form, programs, run):
     assert program.read_bytes() == before
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("given", ["folders", "files"])  # workers can prove single files only
 def test_programs_are_corrected_to_the_same_bytes_in_all_forms(form, virtual, map_path, programs, tmp_path, given):
     error_map = tp.load_map(map_path)
@@ -128,6 +129,7 @@ def test_programs_are_corrected_to_the_same_bytes_in_all_forms(form, virtual, ma
         assert written(name) == expected, name
 
 
+@pytest.mark.exhaustive
 def test_the_first_refusal_is_the_same_in_all_forms(form, virtual, map_path, programs):
     error_map = tp.load_map(map_path)
     refusals = set()
@@ -199,6 +201,7 @@ def test_a_cluster_with_tls_wants_certificates(tmp_path, monkeypatch):
             Cluster(address)
 
 
+@pytest.mark.exhaustive
 def test_a_killed_worker_loses_nothing_and_a_slow_one_delays_only(cluster, tmp_path):
     extra = cluster.start_worker()
     wait_for_workers(cluster.address, 3)

@@ -143,6 +143,7 @@ def test_an_interrupted_prediction_continues_on_a_cluster(
     assert known == []  # nothing is kept of a run that has ended
 
 
+@pytest.mark.exhaustive
 def test_a_killed_process_costs_no_row(poses, expected, map_path, tmp_path, monkeypatch, run):
     killed: list[int] = []
 

@@ -96,6 +96,7 @@ print(len(said), out.tolist(), said[0].message)
 """
 
 
+@pytest.mark.exhaustive
 def test_without_a_folder_for_the_cache_kernels_compile_with_one_warning() -> None:
     done = subprocess.run([sys.executable, "-c", NOWHERE], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

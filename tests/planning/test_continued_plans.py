@@ -28,7 +28,7 @@ def series():
 
 
 @pytest.mark.parametrize("method", ["posterior", "sobol", "latin-hypercube"])
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 def test_no_pose_is_measured_twice(series, method):
     """Also where the seed, and so what is offered, is that of the first series."""
     virtual, samples = series
@@ -65,6 +65,7 @@ def test_as_many_poses_as_an_accuracy_takes(series):
     assert len(first.q) < 40
 
 
+@pytest.mark.exhaustive
 def test_what_cannot_be_reached_or_continued_is_refused(series):
     virtual, samples = series
     with pytest.raises(DataError, match=r"0\.001 mm cannot be reached: noise"):
@@ -91,6 +92,7 @@ def test_samples_may_have_joints_as_the_controller_shows_them():
     np.testing.assert_allclose(found[1], found[0], atol=1e-9)
 
 
+@pytest.mark.exhaustive
 def test_the_command_continues_samples(series, tmp_path):
     virtual, samples = series
     cell, table, out = tmp_path / "cell.toml", tmp_path / "samples.csv", tmp_path / "plan"
@@ -114,6 +116,7 @@ def test_the_command_continues_samples(series, tmp_path):
         assert run("--n", "4", "--until", wrong).exit_code == 2
 
 
+@pytest.mark.exhaustive
 def test_joints_come_from_both_sides_where_asked():
     """In about half of the poses each, whatever the pose; the program comes from where the plan says."""
     plain = tp.VirtualCell("hard", seed=5).cell

@@ -120,7 +120,7 @@ def length_of_line(q):
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(1)
 def test_every_method_plans(method):
     cell = cell_of()
     found = plan(cell, 12, method, rng=3)
@@ -137,6 +137,7 @@ def test_every_method_plans(method):
     assert means == sorted(means, reverse=True)
 
 
+@pytest.mark.exhaustive
 def test_orientations_stay_within_the_tilt():
     found = plan(cell_of(tilt_deg=5.0), 20, "sobol")
     at_rest = work_region(cell_of()).rotation
@@ -176,6 +177,7 @@ def test_the_forecast_agrees_in_both_forms():
     assert alone._exactly(hyper, q[10:40], [5])[0] > exact[0]
 
 
+@pytest.mark.exhaustive
 def test_a_forecast_has_an_interval_and_leaves_out_measured_targets():
     cell = cell_of()
     q = plan(cell, 40, "sobol").q
@@ -190,6 +192,7 @@ def test_a_forecast_has_an_interval_and_leaves_out_measured_targets():
     assert 0.1 < lengths.max() <= 0.15
 
 
+@pytest.mark.exhaustive
 def test_chosen_among_a_list(rng):
     cell = cell_of()
     q = plan(cell, 60, "sobol").q
@@ -287,6 +290,7 @@ def test_bad_wishes():
         Cell.from_toml('[robot]\nmodel = "kuka-kr150-2"\n[region]\nsize_mmm = [1.0, 1.0, 1.0]\n')
 
 
+@pytest.mark.exhaustive
 def test_a_region_in_a_frame_of_the_controller():
     frame = "\n[frames.bases.1]\nx_mm = 1700.0\nz_mm = 900.0\n"
     shifted = cell_of(frame, x_mm=0.0, z_mm=0.0, frame=1)
@@ -354,6 +358,7 @@ def test_a_maker_without_a_writer_gets_the_table(tmp_path):
         found.program()
 
 
+@pytest.mark.exhaustive
 def test_on_the_command_line(tmp_path):
     (tmp_path / "cell.toml").write_text(tp.VirtualCell("hard", seed=5).cell.to_toml())
     arguments = ["plan", str(tmp_path / "cell.toml"), "--n", "8", "--out", str(tmp_path / "out"), "--method", "sobol"]

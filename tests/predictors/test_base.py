@@ -15,7 +15,7 @@ ROBOT = load_robot("kuka-kr150-2")
 MODEL = VariogramModel("matern52", nugget=0.01, sill=1.0, range=1.0)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "model",
     [

@@ -85,6 +85,7 @@ def test_orientation_of_the_identified_arm(samples, targets):
     assert (np.abs(at_other - found[:, :3]) < 1.96 * wider[:, :3]).mean() > 0.93
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("options", [{}, {"prior": "subset"}, {"loss": "huber"}, {"terms": ("sin1", "cos1 q2")}])
 def test_leave_one_out_is_refitting(options, samples):
     """The closed form against fits without each of some samples; repeats of a pose go together."""
@@ -256,6 +257,7 @@ def test_seven_joints(rng):
     assert np.abs(miss).max() < 1e-3
 
 
+@pytest.mark.exhaustive
 def test_network_learns_what_calibration_leaves(rng):
     def wave(q):
         return np.einsum("nij,nj->ni", ROBOT.joint_jacobian(q, tool=TOOL), 3e-4 * np.sin(3 * q) * [1, 1, 1, 0, 0, 0])
@@ -284,7 +286,7 @@ def test_network_keeps_still_where_nothing_is_left(samples, targets):
         ResidualNetwork(ROBOT, TOOL).fit(samples[0][:19], samples[1][:19])
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("terms", "mark"), [((), 0.362), (("sin1", "cos1"), 0.318)])
 def test_measured_arm(ur10, terms, mark):
     """A UR10 read by a laser tracker: mean of the other half over five random halves [mm]."""

@@ -91,6 +91,7 @@ def test_outer_loop_pays_for_choosing(rng):
     assert choice.ranking[0]["predictor"] in ("registration", "ordinary-kriging")  # a constant; nothing to learn
 
 
+@pytest.mark.exhaustive
 def test_workers_change_nothing(virtual, samples):
     candidates = ("registration", "ordinary-kriging-joint", "kinematic-kriging:residual=none", "calibration-network")
     samples = samples[:24]  # with a fold left out too few for networks
@@ -138,6 +139,7 @@ def test_a_candidate_that_fails_says_why(errors):
 ARM = ArmContext(tp.load_robot("kuka-kr150-2"), np.eye(4))
 
 
+@pytest.mark.exhaustive
 def test_a_child_that_dies_is_an_error(errors):
     with pytest.raises(DataError, match="one of 2 worker processes died"):
         rank_predictors(["idw"], Deadly({"cartesian": errors.coordinates["cartesian"]}, errors.e), workers=2)
@@ -153,6 +155,7 @@ class Deadly(PositionalErrors):
         return self
 
 
+@pytest.mark.exhaustive
 def test_gross_readings_do_not_decide(errors):
     e = errors.e.copy()
     e[[5, 40]] += 30.0
@@ -278,6 +281,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.promise("Worker processes times their threads never exceed the processors that truepose may use")
 @pytest.mark.parametrize("usable", [2, 3])
 def test_threads_times_workers(errors, monkeypatch, tmp_path, usable):

@@ -109,7 +109,7 @@ EXPECTED_TO_FAIL = {
 }
 
 
-@pytest.mark.sampled(120)
+@pytest.mark.sampled(40)
 @parametrize_with_checks(
     [OrdinaryKriging(), RegistrationOnly(), *QUICK, *ARMS],
     expected_failed_checks=lambda estimator: EXPECTED_TO_FAIL.get(type(estimator), {}),

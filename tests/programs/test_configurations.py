@@ -60,7 +60,7 @@ def program(controller: str, poses: np.ndarray, q: np.ndarray, robot: Any) -> tu
     return ".ls", f"/PROG A\n/MN\n{moves}/POS\n{points}/END\n"
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("controller", ROBOTS)
 def test_the_word_stays_or_the_target_is_refused(
     tmp_path: Path, make_map: Any, rng: np.random.Generator, controller: str

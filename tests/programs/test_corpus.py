@@ -34,7 +34,7 @@ def test_verdicts(tmp_path: Path, name: str) -> None:
     assert program.counts() == wanted, listed(program)
 
 
-@pytest.mark.sampled(20)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("name", CORPUS)
 def test_only_digits_change(tmp_path: Path, make_map: Any, name: str) -> None:
     example = CORPUS[name]

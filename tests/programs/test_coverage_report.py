@@ -79,6 +79,7 @@ def texts() -> Iterator[tuple[str, str]]:
                 yield file.name, text
 
 
+@pytest.mark.exhaustive
 def test_every_option_that_a_reason_names_is_in_the_table() -> None:
     named = {option for one in REMEDIES for option in re.split(", ", one.option)}
     missing = []
@@ -93,6 +94,7 @@ def test_every_option_that_a_reason_names_is_in_the_table() -> None:
     assert not missing
 
 
+@pytest.mark.exhaustive
 def test_every_reason_that_asks_for_the_cell_file_is_in_the_table() -> None:
     messages = ("agreement.py", "frame_table.py", "robot_base.py", "fanuc.py", "kuka.py", "used_frames.py")
     asking = [text for module, text in texts() if "[frames." in text and module not in messages and " " in text]

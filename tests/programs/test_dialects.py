@@ -296,7 +296,7 @@ ANY_FOLDER = settings(
 )
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", DIALECTS)
 @ANY_FOLDER
 @given(data=st.data(), shift=st.tuples(*[st.floats(-3, 3)] * 3).map(np.array))
@@ -364,7 +364,7 @@ def test_a_program_of_another_language_is_told(tmp_path: Path, make_map: Any, na
             assert isinstance(attempt(path, make_map([1, 1, 1]), options=DIALECTS[name].options), str), other
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", DIALECTS)
 def test_numbers_of_thousands_of_digits(tmp_path: Path, make_map: Any, name: str) -> None:
     dialect = DIALECTS[name]

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -198,6 +199,7 @@ def attempt(path: Path, error_map: Any, **more: Any) -> CorrectedProgram | str:
 ANY_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 
 
+@pytest.mark.exhaustive
 @ANY_FOLDER
 @given(pair=programs())
 def test_zero_correction_returns_every_byte(tmp_path: Path, make_map: Any, pair: tuple[Text, Text]) -> None:
@@ -210,6 +212,7 @@ def test_zero_correction_returns_every_byte(tmp_path: Path, make_map: Any, pair:
         assert list(corrected.files.values()) == [pair[0].data, pair[1].data]
 
 
+@pytest.mark.exhaustive
 @ANY_FOLDER
 @given(pair=programs(), shift=st.tuples(*[st.floats(-3, 3)] * 3).map(np.array))
 def test_a_correction_changes_the_digits_of_corrected_targets_alone(

@@ -50,7 +50,7 @@ FORMS = (
 
 @pytest.mark.promise("every form of a number is read as one number or is not corrected, in every language")
 @pytest.mark.parametrize("name", PROGRAMS)
-@pytest.mark.sampled(7)
+@pytest.mark.sampled(3)
 def test_forms_of_numbers(tmp_path: Path, make_map: Any, name: str, record_property: Any) -> None:
     path = tmp_path / name
     options = ReadOptions(angles="z" if name.endswith(".apt") else "kuka", whole_task=True)
@@ -76,6 +76,7 @@ def test_forms_of_numbers(tmp_path: Path, make_map: Any, name: str, record_prope
     assert {"5", "05.50", "-0"} <= set(corrected_forms)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.promise("only the numbers of the record change, judged by a tokeniser that is independent of the readers")
 def test_the_corpus_by_an_independent_tokeniser(tmp_path: Path, make_map: Any, record_property: Any) -> None:
     cases = 0

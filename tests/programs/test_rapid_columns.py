@@ -65,6 +65,7 @@ def tasks(draw: Any) -> list[str]:
     return [f"MODULE A\n{data}\nENDMODULE\n", f"MODULE B\n{body}\nENDMODULE\n"]
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=examples(100), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     modules=tasks(),

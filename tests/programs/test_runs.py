@@ -217,6 +217,7 @@ def told(path: Path, make_map: Any, fewest: int, options: ReadOptions | None = N
         return [*found, corrected.files, corrected.to_csv(), corrected.to_dict()]
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=examples(150), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     body=bodies(rapid_line, RAPID_BETWEEN, RAPID_BROKEN),
@@ -230,6 +231,7 @@ def test_rapid_runs_and_single_lines_agree(
     assert told(path, make_map, 1, options) == told(path, make_map, 10**9, options)
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=examples(150), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(body=bodies(ur_line, UR_BETWEEN, UR_BROKEN))
 def test_urscript_runs_and_single_lines_agree(
@@ -240,6 +242,7 @@ def test_urscript_runs_and_single_lines_agree(
     assert told(path, make_map, 1) == told(path, make_map, 10**9)
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=examples(300), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(text=fanuc_parts())
 def test_fanuc_runs_and_single_lines_agree(text: str, tmp_path_factory: pytest.TempPathFactory, make_map: Any) -> None:
@@ -259,7 +262,7 @@ LINES = {
 
 @pytest.mark.parametrize("ending", ["\n", "\r\n"])
 @pytest.mark.parametrize("name", LINES)
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 def test_a_long_program_is_read_in_runs(tmp_path: Path, make_map: Any, name: str, ending: str) -> None:
     frame, line = LINES[name]
     rows = np.random.default_rng(1).uniform(-180, 180, (2_500, 3))

@@ -183,6 +183,7 @@ def test_calls_inside_expressions_are_seen(tmp_path: Path) -> None:
         assert last.tool == "set_tcp(p[0,0,0.2,0,0,0])", (call, last)
 
 
+@pytest.mark.exhaustive
 def test_calls_of_calls_end(tmp_path: Path) -> None:
     deep = "".join(f"def f{k}(w):\n" + f"f{k + 1}(w)\n" * 8 + "end\n" for k in range(9))
     program = reading(tmp_path, f"def f9(w):\nmovel(w)\nend\n{deep}f0({P})")

@@ -138,7 +138,7 @@ def measured_cell() -> tuple[VirtualCell, ErrorMap]:
     return virtual, fit_cell(virtual.cell, samples, "ordinary-kriging")
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", [*LANGUAGES, "apt"])
 def test_what_remains_is_what_the_map_leaves(
     tmp_path: Path, measured_cell: tuple[VirtualCell, ErrorMap], name: str

@@ -40,7 +40,7 @@ def source() -> str:
     return "\n".join(texts())
 
 
-@pytest.mark.sampled(15)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("message", QUOTED)
 def test_quoted_messages_exist(message: str, source: str) -> None:
     fragments = [fragment.strip() for fragment in message.split("…") if len(fragment.strip(" ;?,.:")) > 3]

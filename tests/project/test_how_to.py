@@ -74,6 +74,7 @@ def test_the_example_predictors_standard_deviation_is_honest(rng: np.random.Gene
     assert 0.6 < np.sqrt(np.mean(((predicted - new**2) / std) ** 2)) < 1.5
 
 
+@pytest.mark.exhaustive
 def test_the_example_predictor_in_a_map(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(PREDICTORS, "quadratic-trend", raising=False)
     # [name]
@@ -159,6 +160,7 @@ def test_the_production_cell(practice: Path, tmp_path: Path) -> None:
     assert (folder / "production.html").stat().st_size > 10_000
 
 
+@pytest.mark.exhaustive
 def test_verifying_at_the_machine(practice: Path, tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path)
@@ -169,6 +171,7 @@ def test_verifying_at_the_machine(practice: Path, tmp_path: Path) -> None:
     assert after < 0.2 * before
 
 
+@pytest.mark.exhaustive
 def test_two_arms_of_ones_own() -> None:
     lines = script("check_arm.py", FILES / "arms").splitlines()
     assert lines[0].endswith("flange [mm] [-817.2, -232.9, 62.8]")

@@ -62,6 +62,7 @@ def test_the_room_of_the_pictures_is_found_to_need_something() -> None:
     assert foreign(SOURCE / "report" / "plots" / "figures.py")
 
 
+@pytest.mark.sampled(67)
 @pytest.mark.parametrize("path", sorted(SOURCE.rglob("*.py")), ids=lambda path: path.relative_to(SOURCE).as_posix())
 def test_optional_packages_are_imported_where_their_absence_is_told(path: Path) -> None:
     if any(path.is_relative_to(SOURCE / room) for room in ROOMS):

@@ -55,6 +55,7 @@ def test_conformity_and_missing_facts(error_map, cell, stated_cell, study, langu
     assert to_pdf(made, DATE).startswith(b"%PDF-")
 
 
+@pytest.mark.exhaustive
 def test_nothing_is_decided_without_proof(error_map, cell, stated_cell, study):
     assert decision(gather(error_map, cell=stated_cell, study=study)) is None
     assert decision(gather(error_map, cell[1], cell=stated_cell, study=study)) is None

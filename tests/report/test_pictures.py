@@ -48,6 +48,7 @@ def test_legends_stand_above_the_data(far):
     assert below >= max(tops)
 
 
+@pytest.mark.exhaustive
 def test_arrows_have_a_common_scale_and_one_of_their_own():
     rng = np.random.default_rng(1)
     p, e = 1000 * rng.uniform(size=(20, 3)), rng.normal(size=(20, 3))

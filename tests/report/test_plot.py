@@ -36,6 +36,7 @@ def test_variograms(rng: np.random.Generator) -> None:
     assert tp.plot(joints, unit="mm").axes[0].get_xlabel() == "distance h [mm]"
 
 
+@pytest.mark.exhaustive
 def test_sections_through_the_error_field(error_map: tp.ErrorMap) -> None:
     assert len(tp.plot(error_map).axes) == 8  # three planes, twice, and two colour bars
     upper = tp.plot(error_map).axes[:3]

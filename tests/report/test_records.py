@@ -54,6 +54,7 @@ def test_programs_of_another_map_and_refusals_are_told(error_map, study, sidecar
     assert "60 of 100 targets are listed; the attached table targets.csv contains all." in text
 
 
+@pytest.mark.exhaustive
 def test_names_are_text_not_markup(error_map, study, sidecar, no_figures):
     name = '<b>&"#[*_$@`</b>'
     content = record(error_map.hash, n=2)
@@ -146,7 +147,7 @@ def test_programs_corrected_with_a_draft_are_marked(error_map, study, sidecar, n
         assert (draft in document(gather(error_map, study=study, sidecars=[sidecar(content)]), say).text()) == marked
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("state", ["draft", "released", "superseded", "withdrawn"])
 def test_a_report_made_with_a_store_shows_the_state_of_the_map_and_the_head(error_map, study, no_figures, state):
     made = document(gather(error_map, study=study, store=StoreEntry(17, "f" * 64, state)), EN)

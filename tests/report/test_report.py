@@ -31,7 +31,7 @@ from truepose.report.sections import controller_angles, document
 from truepose.samples import Samples
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("locale", LOCALES)
 def test_page_asks_for_nothing(documents, locale):
     page = to_html(documents[locale])
@@ -254,6 +254,7 @@ def test_pictures_are_the_same_each_time(evidence, documents):
     assert to_html(document(evidence, load_locale("de"))) == to_html(documents["de"])
 
 
+@pytest.mark.exhaustive
 def test_reports_are_written_whole_or_not_at_all(error_map, cell, study, tmp_path):
     path = tmp_path / "deep" / "report.pdf"
     write_report(error_map, path, cell[2], study=study, locale="de", date=DATE)
@@ -300,6 +301,7 @@ def test_orientations_are_the_controllers_own(controller, text):
     assert controller_angles(Rotation.from_euler("z", 90, degrees=True), controller, EN).replace("−", "") == text
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.promise("the interactive view needs no network, and only its own script may run")
 @pytest.mark.parametrize("language", LOCALES)
 def test_interactive_view(evidence, language, no_figures):

@@ -37,6 +37,7 @@ def told(part: StudyPart, question: str, language: str = "en") -> str:
     return dict(findings(part, say))[say(f"finding.{question}")]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.promise("the report says in each language that there is no sill within the samples")
 @pytest.mark.parametrize("language", LOCALES)
 def test_no_sill_is_said(part: StudyPart, language: str):
@@ -70,6 +71,7 @@ def test_figures_by_hand_are_those_of_the_curve(part: StudyPart):
     assert np.isfinite(own.sampled.variance)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("language", LOCALES)
 def test_what_chance_explains_has_no_reach_no_direction_and_no_share(language):
     """Noise alone: no answer may speak of a reach, directions or a share of noise."""

@@ -35,7 +35,7 @@ def nearest_to(q: np.ndarray, solutions: np.ndarray) -> np.ndarray:
     return np.where(np.isnan(away), np.inf, away).min(axis=1)
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ARMS)
 def test_every_branch_of_a_calibrated_arm_leads_back(name: str, rng: np.random.Generator) -> None:
     robot = load_robot(name)

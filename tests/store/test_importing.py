@@ -96,6 +96,7 @@ def test_one_file_twice_under_two_names_is_one_row(store, team, folder):
     assert len(rows(store, schema.map)) == 2
 
 
+@pytest.mark.exhaustive
 def test_a_changed_cell_file_is_a_new_version_and_an_old_one_is_found(store, team, folder):
     import_folder(store, team["anna"], folder)
     cell = folder / "cell.toml"
@@ -153,6 +154,7 @@ def test_a_correction_of_a_corrected_program_is_left_out(store, team, folder, tm
     assert import_folder(store, team["anna"], folder).left_out == []  # the first correction itself stays known
 
 
+@pytest.mark.exhaustive
 def test_an_updated_map_has_its_parent_and_the_samples_of_both(store, team, folder):
     """Also of a map that was imported alone; a map that was fitted anew with all samples has no parent."""
     (folder / "a").mkdir()

@@ -122,7 +122,7 @@ def test_a_lost_connection_is_made_again(correct, lose, address) -> None:
     assert rows(address) == (1, 1)
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("lose", ["stopped", "killed"], indirect=True)
 @pytest.mark.parametrize("place", ["put_program", "put_correction"])
 def test_a_server_lost_while_rows_are_written(correct, place, lose, server, address, tmp_path) -> None:
@@ -140,6 +140,7 @@ def test_a_server_lost_while_rows_are_written(correct, place, lose, server, addr
     assert rows(address) == (1, 1)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("lose", ["stopped"], indirect=True)
 def test_a_program_corrected_in_place_is_taken_in_later(run, lose, server, address, tmp_path) -> None:
     folder = Path(shutil.copytree(plant().folder, tmp_path / "robot17"))

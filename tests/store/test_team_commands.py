@@ -104,6 +104,7 @@ def test_two_engineers_and_a_quality_manager(enter, tokens, files, tmp_path):
         assert "is withdrawn" in again.failed()
 
 
+@pytest.mark.exhaustive
 def test_an_update_keeps_its_parent_for_the_recall(enter, tokens, files, tmp_path):
     march, april = files / "march.truepose", files / "april.truepose"
     enter("fit", files / "cell.toml", files / "samples.csv", *FIT, "--out", march, token=tokens["anna"])
@@ -140,6 +141,7 @@ def test_a_corrected_program_is_refused_on_another_machine(enter, tokens, files,
     assert sorted(path.name for path in (tmp_path / "again").glob("*.csv")) == ["part.corrections.csv", "part.csv"]
 
 
+@pytest.mark.exhaustive
 def test_a_validation_is_recorded_with_its_samples(enter, tokens, files):
     """Of a map of the store by its name, also of one that was withdrawn; twice is one row."""
     enter("fit", files / "cell.toml", files / "samples.csv", *FIT, "--out", files / "m.truepose", token=tokens["anna"])
@@ -215,6 +217,7 @@ def test_files_that_the_store_lost_are_named_and_taken_in_later(enter, tokens, f
     assert (made["name"], made["made_by"]) == ("m", "ben")
 
 
+@pytest.mark.exhaustive
 def test_a_map_file_that_the_store_does_not_have_is_refused(enter, tokens, files, tmp_path):
     shutil.copy(plant().map, files / "m.truepose")
     correct = ("correct", files / "m.truepose", files / "part.csv", "--out", tmp_path / "c", *CORRECT)
@@ -230,6 +233,7 @@ def _without_store(enter, correct) -> str:
         return enter(*correct, "--released-only").failed()
 
 
+@pytest.mark.exhaustive
 def test_users_and_tokens_are_managed(enter, tokens):
     known = enter("store", "user", "list", "--json", token=tokens["ben"]).json["users"]
     assert [(one["name"], one["roles"]) for one in known][:2] == [("anna", ["measure"]), ("ben", ["program"])]

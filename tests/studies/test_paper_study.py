@@ -29,6 +29,7 @@ def test_papers_method_at_one_orientation(results):
     assert all(75 < reduction < 95 for reduction in reduction_max(results, "fixed", PAPERS))
 
 
+@pytest.mark.exhaustive
 def test_papers_method_knows_no_orientation(results):
     assert all(reduction < 75 for reduction in reduction_max(results, "free", PAPERS))
 
@@ -58,6 +59,7 @@ def test_folder(results, tmp_path):
     assert (tmp_path / "reductions.svg").read_text("utf-8").count("orientation") >= 2
 
 
+@pytest.mark.exhaustive
 def test_command(tmp_path, monkeypatch):
     monkeypatch.setattr("truepose.studies.paper.run_study", functools.partial(run_study, methods=[PAPERS]))
     answer = CliRunner().invoke(app, ["study", str(tmp_path), "--seeds", "1", "--per-axis", "3", "--json"])

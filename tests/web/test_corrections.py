@@ -152,6 +152,7 @@ def test_the_table_holds_what_the_record_holds(client: TestClient, root: Path) -
         assert row["change"] == (pytest.approx(math.hypot(*target["correction_mm"]), abs=1e-6) if known else None)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("descending", [False, True])
 @pytest.mark.parametrize("sort", ORDERS)
 def test_every_column_sorts_and_what_has_no_number_comes_last(

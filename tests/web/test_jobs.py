@@ -109,6 +109,7 @@ def test_a_refusal_is_a_problem_document(client: TestClient, queue: JobQueue) ->
     assert {"type": "FileError", "status": 422, "file": "cell.toml", "line": 1}.items() <= shown["problem"].items()
 
 
+@pytest.mark.exhaustive
 def test_every_change_is_an_event_and_the_last_one_holds_the_result(client: TestClient, queue: JobQueue) -> None:
     job = submit(queue, "warm-up")
     answer = client.get(f"{API}/jobs/{job}/events")
@@ -136,6 +137,7 @@ async def _first(queue: JobQueue, job: str, seen: str | None, count: int) -> str
     return text
 
 
+@pytest.mark.exhaustive
 def test_a_running_job_has_two_events_a_second_without_any_change(
     queue: JobQueue, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -72,6 +72,7 @@ def rows(content: bytes) -> np.ndarray:
     return np.frombuffer(content, "<f4").reshape(-1, 7)
 
 
+@pytest.mark.exhaustive
 def test_the_list_tells_what_each_figure_is_of(page: Page) -> None:
     entries = {entry["file"]: entry for entry in page.get(f"/cells/{page.cell}/maps")}
     error_map = load_map(page.root / "one" / "maps" / "ordinary-kriging.truepose")
@@ -146,6 +147,7 @@ def test_a_result_is_computed_once_and_kept_in_the_workspace(page: Page, monkeyp
     assert page.get(f"/maps/{sha}/volume.bin", n=4) == b"anew"
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("table", ["samples", "figures", "candidates", "curves", "excluded", "variogram"])
 def test_tables_are_exported_with_units(page: Page, table: str) -> None:
     text = page.get(f"/maps/{page.sha('kinematic-kriging')}/table.csv", table=table).decode()

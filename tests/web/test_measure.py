@@ -124,6 +124,7 @@ def test_a_preview_says_what_the_import_says_and_writes_nothing(bench: Bench) ->
     assert ".upload-" not in answer.text
 
 
+@pytest.mark.exhaustive
 def test_a_masked_point_is_left_out_with_its_reason_and_stays_in_the_samples(running: Bench) -> None:
     mask = [{"row": GROSS, "point": f"P{GROSS:03d}", "reason": REASON}]
     shown = running.send(mask=mask).json()["registered"]
@@ -206,6 +207,7 @@ def test_masks_that_make_no_sense_write_nothing(running: Bench, reasons: dict[An
     assert running.left() == before
 
 
+@pytest.mark.exhaustive
 def test_a_file_is_sent_once_and_then_named_by_its_hash(running: Bench, tmp_path: Path) -> None:
     content = running.readings.read_bytes()
     first = running.send().json()
@@ -286,6 +288,7 @@ def test_columns_and_unit_are_chosen_where_a_file_is_not_understood(running: Ben
     assert len(read_samples(running.folder / job.result["samples"])) == N
 
 
+@pytest.mark.exhaustive
 def test_what_the_import_would_refuse_is_said_with_its_remedy(running: Bench) -> None:
     lines = running.readings.read_text("utf-8").splitlines(keepends=True)
     content = "".join(lines[:4] + lines[5:]).encode()
@@ -465,6 +468,7 @@ def test_a_plan_is_that_of_the_command_line(running: Bench) -> None:
     assert [line for line in program.text.splitlines() if "P001" in line] == motions
 
 
+@pytest.mark.exhaustive
 def test_a_plan_is_chosen_after_a_map_and_from_candidates(running: Bench, measured: Samples) -> None:
     first = measured[np.arange(len(measured) - 6)]
     fit_cell(running.virtual.cell, first, "ordinary-kriging").save(running.folder / "first.truepose")

@@ -345,6 +345,7 @@ def test_a_mesh_in_millimetres_without_a_scale_is_not_shown_as_a_tower(tmp_path:
     assert (note.kind, note.name) == ("too_large", "box.stl")
 
 
+@pytest.mark.exhaustive
 def test_reduction_keeps_the_shape_within_the_budget(tmp_path: Path) -> None:
     points, faces = sphere(200)
     fewer, used = reduced(points, faces.astype(np.int32), 2000)

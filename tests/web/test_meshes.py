@@ -213,6 +213,7 @@ def test_a_large_upload_is_refused(client: TestClient, address: str, monkeypatch
     assert answer.status_code == 413
 
 
+@pytest.mark.exhaustive
 def test_the_work_is_done_in_another_process(
     client: TestClient, address: str, root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -158,6 +158,7 @@ CLAIMS: dict[str, tuple[str, dict[str, Any], str]] = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("what", CLAIMS)
 def test_the_claim_of_the_settings_names_the_user(
     opened: Callable[..., TestClient], provider: SmallProvider, store: Store, what: str

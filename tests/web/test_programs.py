@@ -144,6 +144,7 @@ def test_a_preview_writes_nothing(client: TestClient, root: Path, virtual: Virtu
     assert not (root / "cell/corrected").exists()
 
 
+@pytest.mark.exhaustive
 def test_targets_are_listed_before_anything_is_written(client: TestClient, root: Path, virtual: VirtualCell) -> None:
     program = sent(client, "panel.src", krl(virtual, 20))
     check = ended(client, client.post(f"{cell(client)}/programs/{program}/check", json={}))
@@ -248,6 +249,7 @@ def test_no_byte_outside_the_digits_changes(client: TestClient, virtual: Virtual
     assert page.status_code == 200, page.text
 
 
+@pytest.mark.exhaustive
 def test_a_program_that_was_corrected_before_is_refused_with_the_words_of_the_command_line(
     client: TestClient, root: Path, virtual: VirtualCell
 ) -> None:

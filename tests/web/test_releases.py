@@ -157,6 +157,7 @@ def test_the_drift_of_a_cell_is_in_the_order_of_time(
     assert 0 < first["mean_mm"] < 1
 
 
+@pytest.mark.exhaustive
 def test_a_job_acts_as_its_user_and_its_token_ends_with_it(
     opened: Callable[..., TestClient],
     cell: str,
@@ -179,6 +180,7 @@ def test_a_job_acts_as_its_user_and_its_token_ends_with_it(
         assert not path.is_file() or b"tp_" not in path.read_bytes()
 
 
+@pytest.mark.exhaustive
 def test_a_job_of_a_user_who_was_disabled_meanwhile_fails(
     opened: Callable[..., TestClient],
     cell: str,

@@ -114,6 +114,7 @@ def test_unknown_user_wrong_password_and_disabled_user_get_the_same_answer(
     assert len({answer.text for answer in answers}) == 1
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["root", "nobody"])
 def test_wrong_tries_of_a_name_must_wait_whether_it_exists_or_not(
     opened: Callable[..., TestClient], clock: Clock, name: str

@@ -109,7 +109,7 @@ def test_names_of_readings_are_never_paths_or_options(
     client.delete(f"/api/v1/jobs/{job['id']}")
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("content", [b"\x00\x01\x02" * 99, "座標,値\n".encode("shift-jis")])
 def test_readings_that_cannot_be_read_are_refused_with_a_remedy(client: TestClient, cell: str, content: bytes) -> None:
     job = ended(client, order(client, cell, content))

@@ -38,6 +38,7 @@ def test_a_workspace_that_is_a_cell_has_the_name_of_its_folder(tmp_path: Path) -
     assert [cell.name for cell in Workspace(lay(tmp_path / "drilling")).cells()] == ["drilling"]
 
 
+@pytest.mark.exhaustive
 def test_what_the_command_line_wrote_is_known_by_its_content(demo: Workspace) -> None:
     (cell,) = demo.cells()
     kinds = {kind: sorted(file.name for file in cell.files(kind)) for kind in ("map", "samples", "plan", "record")}

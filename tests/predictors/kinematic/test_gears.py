@@ -40,6 +40,7 @@ def fitted(request):
     return KinematicKriging(ROBOT, TOOL, solver=request.param).fit(*simulate(120, 0))
 
 
+@pytest.mark.sampled(1)
 def test_the_amplitude_of_each_gear_is_found(fitted):
     rows = {row["name"]: row for row in fitted.parameters_ if row["group"] == "gear"}
     assert len(rows) == 24

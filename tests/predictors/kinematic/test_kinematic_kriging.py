@@ -357,6 +357,7 @@ def test_too_few_samples():
         KinematicKriging(ROBOT).fit(q, e)
 
 
+@pytest.mark.exhaustive
 def test_measured_ur10(ur10):
     """The figures of the data's README: 150 samples leave at most 0.14 mm in the mean on the others."""
     from truepose.geometry import register_with_tool

@@ -101,6 +101,7 @@ def motions(texts: dict[str, str]) -> dict[str, set[tuple[str, str]]]:
     return found
 
 
+@pytest.mark.exhaustive
 def test_a_zero_correction_changes_no_byte(root: Path) -> None:
     assert zero_changes_no_byte(read(root))
 

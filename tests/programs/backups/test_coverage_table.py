@@ -43,7 +43,7 @@ def table() -> dict[str, list[str]]:
     return {row[0]: row[1:] for row in rows[head + 2 : head + 2 + len(CORPORA)]}
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("maker", CORPORA)
 def test_the_table_states_what_is_covered(maker: str, tmp_path: Path) -> None:
     path = tmp_path / "cell.zip"

@@ -102,6 +102,7 @@ def test_frames_are_those_of_sysframe_with_the_names_of_framevar(backup: Path) -
     assert {"gp2-1", "gp2-9"} <= stored.bases.keys()
 
 
+@pytest.mark.exhaustive
 @pytest.mark.promise("FANUC: a zero correction leaves every program of a backup as it was, byte for byte")
 def test_a_zero_correction_changes_no_byte(backup: Path, record_property: Callable[..., None]) -> None:
     cases = zero_changes_no_byte(programs(backup).values())

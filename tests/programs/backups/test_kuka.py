@@ -171,6 +171,7 @@ def corrected(folder: Path, out: Path, scale: float = 1.0, **options: Any) -> tu
     return batch, {path.relative_to(whole).as_posix(): path.read_bytes() for path in listing(whole)}
 
 
+@pytest.mark.exhaustive
 def test_a_correction_of_zero_returns_the_backup_byte_for_byte(folder: Path, tmp_path: Path) -> None:
     _, after = corrected(folder, tmp_path / "out", 0.0, derived=True)
     assert after == corpus.backup()

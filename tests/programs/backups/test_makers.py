@@ -36,7 +36,7 @@ def told(program: Program, root: Path) -> list[tuple[str, int, str, str, str]]:
     ]
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("maker", CORPORA)
 def test_a_zip_reads_as_its_folder_does_and_zero_changes_nothing(maker: str, tmp_path: Path) -> None:
     files = CORPORA[maker](tmp_path / "made")
@@ -58,7 +58,7 @@ def test_a_zip_reads_as_its_folder_does_and_zero_changes_nothing(maker: str, tmp
     assert (tmp_path / "zero" / "changed-files.csv").read_text().count("\n") == 1
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("maker", CORPORA)
 def test_a_correction_changes_files_with_programs_alone(maker: str, tmp_path: Path) -> None:
     files = CORPORA[maker](tmp_path / "made")

@@ -224,6 +224,7 @@ def test_a_library_that_is_not_there_is_named(tmp_path: Path) -> None:
     assert "base geo:fBelt is not known" in reason
 
 
+@pytest.mark.exhaustive
 def test_frames_that_go_in_a_circle_are_not_known(tmp_path: Path) -> None:
     found = read(changed(tmp_path, "geo/geo.dtx", b'fatherId="world[0]" />\r\n    </Data>\r\n    <Data name="fMachine"',
                          b'fatherId="fChuck[0]" />\r\n    </Data>\r\n    <Data name="fMachine"'))  # fmt: skip

@@ -115,6 +115,7 @@ def test_a_correction_of_zero_returns_every_file(folder: Path) -> None:
             assert data == FILES[path.relative_to(folder).as_posix()], path
 
 
+@pytest.mark.exhaustive
 def test_every_constant_target_is_recomputed_in_the_base_frame(corrected: list[CorrectedProgram], folder: Path) -> None:
     """What changed in each script are the positions of its targets, each to the digit where the map wants it."""
     count = 0
@@ -209,6 +210,7 @@ def test_the_share_that_is_corrected(folder: Path, corrected: list[CorrectedProg
     assert sum(one.coverage.corrected for one in plain) / all_targets < 0.85
 
 
+@pytest.mark.exhaustive
 def test_the_backup_comes_back_as_files_to_load(tmp_path: Path, folder: Path) -> None:
     batch = correct_programs([folder], MAP, options=ALL, on_guard="skip")
     batch.write(tmp_path / "out")
