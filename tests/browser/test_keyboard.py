@@ -165,6 +165,7 @@ def test_the_whole_day_goes_by_keys(browser: Browser, own_server: Server, virtua
         assert page.evaluate("() => window.mouse === undefined")
 
 
+@pytest.mark.exhaustive
 def test_the_keys_are_listed_and_the_list_gives_the_focus_back(browser: Browser, server: Server) -> None:
     with browser.opened(server) as app:
         app.go("history")

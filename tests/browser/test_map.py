@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 from tests.browser.opening import Browser, Server
 
 from truepose import load_map
@@ -66,6 +67,7 @@ def test_held_out_figures_are_those_of_the_library(browser: Browser, own_server:
     assert shown[1] == round(figures["after"]["mean_mm"], 3)
 
 
+@pytest.mark.exhaustive
 def test_the_samples_of_the_table_are_marked_in_the_view_and_exported(browser: Browser, server: Server) -> None:
     with browser.opened(server) as app:
         app.go("map")

@@ -49,6 +49,7 @@ def settled(app: Opened) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.exhaustive
 def test_many_arrows_stay_within_the_numbers(app: Opened) -> None:
     app.page.evaluate(_FILL, 100)
     settled(app)

@@ -127,7 +127,7 @@ print(json.dumps({{"commands": commands, "calls": calls}}))
     return {**python(code, blocked=set(map(module, OPTIONAL)), out=out), "out": out}
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_works_or_names_the_extra(base: dict[str, Any], name: str) -> None:
     code, errors = base["commands"][name]

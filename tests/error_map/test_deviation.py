@@ -149,6 +149,7 @@ def test_one_deviation_everywhere(turned, maps, record_property):
         assert found.holding.verdict == "holds"
 
 
+@pytest.mark.exhaustive
 @pytest.mark.promise("what a map cannot explain turns the tool, too: the deviation of orientation holds it")
 @pytest.mark.parametrize("name", JOINT)
 def test_the_deviation_of_orientation_holds_what_is_unexplained(maps, turned, name):

@@ -110,6 +110,7 @@ def test_contributions_and_curves_include_the_mean(following):
     assert max(np.abs(curve.error).max() for curve in model.joint_curves()) > 1e-5
 
 
+@pytest.mark.exhaustive
 def test_a_map_needs_no_other_file(following, tmp_path):
     """It states its ancestry, predicts the same from its file, and freezes with the mean of the fleet."""
     path = tmp_path / "map.truepose"

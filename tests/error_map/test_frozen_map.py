@@ -149,6 +149,7 @@ def test_a_tool_of_ones_own(maps, name, offset, seed):
     np.testing.assert_allclose(error_map.freeze(tool).predict(q), expected, atol=1e-3)
 
 
+@pytest.mark.exhaustive
 def test_one_pose_many_poses_and_given_memory_agree(maps):
     frozen = maps["paper"].freeze()
     q = joints(maps["paper"].robot, 9000)

@@ -60,6 +60,7 @@ def test_a_choice_among_the_rivals_has_none(virtual: tp.VirtualCell, samples: tp
     assert better_predictor(error_map.changed(ranking=[{"predictor": "kinematic-kriging"}])) is None
 
 
+@pytest.mark.exhaustive
 def test_commands_say_so(run, virtual: tp.VirtualCell, samples: tp.Samples, held_out: tp.Samples, tmp_path) -> None:
     cell, table, test, out = (tmp_path / name for name in ("cell.toml", "samples.csv", "test.csv", "map.truepose"))
     cell.write_text(virtual.cell.to_toml())

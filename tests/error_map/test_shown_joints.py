@@ -77,6 +77,7 @@ def test_files_keep_them_and_an_import_converts_them(campaign, tmp_path: Path):
     assert "shown" not in samples_text(imported)
 
 
+@pytest.mark.exhaustive
 def test_on_the_command_line(campaign, fitted, tmp_path: Path):
     cell, samples, other = campaign
     (tmp_path / "cell.toml").write_text(cell.to_toml())

@@ -96,6 +96,7 @@ def test_programs_are_read_alike_in_all_forms(form, programs, tmp_path, run):
     assert "weld7" in outputs[0]
 
 
+@pytest.mark.exhaustive
 def test_files_that_workers_have_read_are_inputs(form, programs, run):
     program = programs / "part0" / "p0.src"
     before = program.read_bytes()
@@ -251,6 +252,7 @@ def test_results_survive_a_lost_scheduler(cluster, tmp_path):
     assert not list((kept / "done").iterdir())
 
 
+@pytest.mark.exhaustive
 def test_an_interrupt_cancels_the_tasks_that_have_not_run(cluster, tmp_path, monkeypatch):
     def interrupted(client: distributed.Client) -> None:
         monkeypatch.setattr(distributed.Client, "close", lambda *_, **__: None)  # the cancellation alone is tested
@@ -282,6 +284,7 @@ async def no_queue(dask_scheduler: distributed.Scheduler) -> None:
     raise AssertionError("tasks were not cancelled")
 
 
+@pytest.mark.exhaustive
 def test_an_interrupted_correction_on_a_cluster_writes_nothing(cluster, map_path, programs, tmp_path, run, monkeypatch):
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt

@@ -42,6 +42,7 @@ def test_the_result_is_the_json_of_the_command(queue: JobQueue, submit: Submit, 
     assert 0 < job.seconds < LONG
 
 
+@pytest.mark.exhaustive
 def test_steps_and_counts_are_seen_while_the_job_runs(queue: JobQueue, submit: Submit) -> None:
     job = submit("warm-up")
     steps, counts, revision = set(), [], -1
@@ -144,6 +145,7 @@ def test_a_running_job_is_cancelled(queue: JobQueue, submit: Submit, workspace: 
     assert queue.cancel(job.id) == cancelled
 
 
+@pytest.mark.exhaustive
 @posix
 def test_a_job_that_ignores_the_interrupt_is_killed(
     queue: JobQueue, submit: Submit, monkeypatch: pytest.MonkeyPatch
@@ -354,6 +356,7 @@ def test_jobs_are_read_again(workspace: Path) -> None:
         assert new.number == job.number + 1
 
 
+@pytest.mark.exhaustive
 def test_stopping_interrupts_what_runs_and_what_waits(workspace: Path) -> None:
     with JobQueue(workspace, ready=False) as queue:
         running = queue.submit(SLOW, folder=workspace, cell="", title="")
@@ -373,6 +376,7 @@ def test_stopping_interrupts_what_runs_and_what_waits(workspace: Path) -> None:
         assert later.wait(again.id, timeout=LONG).state == "done"
 
 
+@pytest.mark.exhaustive
 @posix
 def test_jobs_of_a_killed_application_are_interrupted_and_gone(workspace: Path) -> None:
     code = (

@@ -120,7 +120,7 @@ def length_of_line(q):
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 def test_every_method_plans(method):
     cell = cell_of()
     found = plan(cell, 12, method, rng=3)

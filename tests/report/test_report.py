@@ -44,6 +44,7 @@ def test_page_asks_for_nothing(documents, locale):
     assert f'<html lang="{locale}">' in page
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("locale", LOCALES)
 def test_every_section_is_told(evidence, documents, locale):
     say, made = load_locale(locale), documents[locale]

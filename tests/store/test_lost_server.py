@@ -95,6 +95,7 @@ def rows(address: str) -> tuple[int, int]:
     return programs, corrections
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("lose", ["stopped"], indirect=True)
 def test_a_server_stopped_during_the_correction(correct, lose, server, address, tmp_path, state) -> None:
     """Nothing is written, neither files nor rows, and the same command succeeds when the server runs again."""

@@ -34,22 +34,26 @@ def test_papers_method_knows_no_orientation(results):
     assert all(reduction < 75 for reduction in reduction_max(results, "free", PAPERS))
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("orientation", ["fixed", "free"])
 @pytest.mark.parametrize("method", [CALIBRATION, KINEMATIC], ids=lambda method: method.predictor)
 def test_ours_removes_more_at_any_orientation(results, orientation, method):
     assert min(reduction_max(results, orientation, method)) > 85
 
 
+@pytest.mark.exhaustive
 def test_cells_are_as_the_paper_found_its_robot(results):
     assert 0.7 < spread([r for r in results if r.orientation == "fixed"], "max_before")[0] < 1.3
 
 
+@pytest.mark.exhaustive
 def test_all_methods_meet_the_same_errors(results):
     of_cell = [r for r in results if (r.seed, r.orientation, r.sampling) == (1, "fixed", "grid")]
     assert len(of_cell) == 3
     assert max(r.max_before for r in of_cell) == pytest.approx(min(r.max_before for r in of_cell), rel=0.05)
 
 
+@pytest.mark.exhaustive
 def test_folder(results, tmp_path):
     write_study(tmp_path, results)
     with (tmp_path / "results.csv").open(encoding="utf-8") as file:

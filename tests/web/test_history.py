@@ -7,6 +7,7 @@ import hashlib
 import io
 from typing import Any
 
+import pytest
 from fastapi.testclient import TestClient
 from tests.web.conftest import ended
 
@@ -18,6 +19,7 @@ def report(client: TestClient, cell: str, workspace: Workspace) -> dict[str, Any
     return ended(client, client.post(f"{cell}/reports", json={"map": used.id}))
 
 
+@pytest.mark.exhaustive
 def test_every_job_and_file_is_there_once_and_in_order(client: TestClient, cell: str, workspace: Workspace) -> None:
     job = report(client, cell, workspace)
     events = client.get(f"{cell}/history").json()

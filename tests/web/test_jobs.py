@@ -213,6 +213,7 @@ def server(folder: Path) -> Iterator[Server]:
 posix = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 
 
+@pytest.mark.exhaustive
 @posix
 def test_an_interrupt_ends_jobs_pages_and_server(server: Server, folder: Path) -> None:
     job = server.start(folder)

@@ -51,6 +51,7 @@ def test_what_the_command_line_wrote_is_known_by_its_content(demo: Workspace) ->
     assert [file.name for file in cell.files("report")] == ["report.html"]
 
 
+@pytest.mark.exhaustive
 def test_a_map_is_found_by_its_hash_and_read_once(demo: Workspace) -> None:
     ((_, file),) = demo.maps()
     first, again = demo.map(demo.hash_of(file))[2], demo.map(demo.hash_of(file))[2]
