@@ -25,7 +25,7 @@ LONG = 120.0
 """Seconds after which a test fails, on any machine."""
 
 
-@pytest.fixture(autouse=True, scope="session")
+@pytest.fixture(autouse=True, scope="module")
 def _forked_processes() -> Iterator[None]:
     """Leave the start of new processes to the second tier."""
     with nullcontext() if EXHAUSTIVE else forked_processes():

@@ -22,7 +22,7 @@ BASE = "http://127.0.0.1:8765"
 collect_ignore = [] if EXHAUSTIVE else ["test_any_request.py"]  # a fuzzer; to make the contract takes seconds
 
 
-@pytest.fixture(autouse=True, scope="session")
+@pytest.fixture(autouse=True, scope="module")
 def _forked_processes() -> Iterator[None]:
     with forked_processes():
         yield
