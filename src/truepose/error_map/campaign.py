@@ -9,11 +9,11 @@ import numpy as np
 
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
-from truepose.error_map.points import of_one_reflector
+from truepose.error_map.points import commanded_points, of_one_reflector, points_on_tool
 from truepose.error_map.registration import reading_noise
 from truepose.errors import DataError
 from truepose.geometry import Registration
-from truepose.identification import ParametricArm
+from truepose.identification import ParametricArm, Positions
 from truepose.numerics.threads import blas_threads
 from truepose.robots import Load, Robot, error_model, thermal_columns
 from truepose.robots.nongeometric import STEEL
@@ -146,7 +146,7 @@ def check_campaign(
         registration = replace(registration, residuals=registration.residuals[rows])
         samples = replace(samples[rows], reflector=None)
     order = np.arange(len(samples)) if samples.time is None else np.argsort(samples.time, kind="stable")
-    campaign = _campaign(cell, robot, samples, registration, tf_flange_tool, expansion)[order]
+    campaign = campaign_of(cell, robot, samples, registration, tf_flange_tool, expansion)[order]
     with blas_threads(LARGEST):
         found = changes(campaign)
         named = any(change.kind in ("drift", "moved") for change in found)
@@ -176,14 +176,15 @@ def _stated(cell: Cell, samples: Samples, registration: Registration) -> float |
     return float(np.sqrt(np.mean(reading**2) + (repeatability / RP_PER_STD) ** 2))
 
 
-def _campaign(
+def campaign_of(
     cell: Cell,
     robot: Robot,
     samples: Samples,
     registration: Registration,
     tf_flange_tool: FloatArray,
-    expansion: bool,
+    expansion: bool = False,
 ) -> Campaign:
+    """Return the errors of samples in the order of their rows, with the columns of their model; see `Campaign`."""
     when = np.arange(len(samples), dtype=np.float64) if samples.time is None else samples.time
     if samples.q is None:
         p = samples.p_cmd
@@ -193,7 +194,7 @@ def _campaign(
             turned = (samples.rotation_cmd * samples.rotation_cmd[0].inv()).as_rotvec()
             coordinates = np.column_stack([p, 1e3 * turned])
     else:
-        p, coordinates = robot.forward(samples.q, tool=tf_flange_tool)[:, :3, 3], samples.q
+        p, coordinates = commanded_points(robot, cell, samples, tf_flange_tool), samples.q
         columns = _of_arm(cell, robot, samples, tf_flange_tool)
         if expansion and samples.temperature is not None:
             kelvin = samples.temperature - samples.temperature.mean()
@@ -218,7 +219,9 @@ def _of_arm(cell: Cell, robot: Robot, samples: Samples, tf_flange_tool: FloatArr
         terms=(*_TERMS, "backlash") if reversing else _TERMS,
         load=Load(payload.mass_kg, np.array([payload.x_mm, payload.y_mm, payload.z_mm])),
     )
-    columns = arm.jacobian(samples.q, np.zeros(len(arm.parameters)), approach)
+    n, r = len(samples), None if samples.reflector is None else points_on_tool(samples, cell)
+    data = Positions(samples.q, np.zeros((n, 3)), np.zeros((n, 3, 3)), approach, r)
+    columns = data.jacobian(arm, np.zeros(len(arm.parameters)))
     own = np.array([parameter.group != "base" for parameter in arm.parameters])
     return np.asarray(columns[:, :, own] * arm.tolerance[own])
 

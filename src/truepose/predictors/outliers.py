@@ -10,8 +10,10 @@ from truepose._typing import FloatArray
 from truepose.errors import KrigingError
 from truepose.predictors.base import Predictor
 
-_GROSS: Final = 10.0  # predicted standard deviations; a rough model of good readings reaches 8
-_FEWEST: Final = 10  # samples; with fewer nothing is left out
+GROSS: Final = 10.0
+"""Predicted standard deviations beyond which a reading is gross; a rough model of good readings reaches 8."""
+FEWEST: Final = 10
+"""The smallest number of samples; with fewer nothing is left out."""
 _MEDIAN: Final = 1.538  # length of a standard normal vector in space, in the middle
 _HEAVY: Final = 3.0  # tails of good readings beyond those of a normal distribution, at most
 
@@ -52,7 +54,7 @@ def fit_without_gross(
         if middle > 0:  # 0: an interpolator that meets most of its samples
             surprise = surprise * max(1.0, _MEDIAN / (_HEAVY * middle))
         worst = surprise.max()
-        if worst <= _GROSS or len(kept) <= _FEWEST:
+        if worst <= GROSS or len(kept) <= FEWEST:
             return gross
-        out = surprise > max(_GROSS, 0.7 * worst)
+        out = surprise > max(GROSS, 0.7 * worst)
         gross[kept[out]] = surprise[out]
