@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import truepose as tp
+from truepose.predictors import KinematicCalibration
+from truepose.predictors.outliers import fit_without_gross
 from truepose.samples import Samples
 from truepose.simulation import VirtualCell
 
@@ -66,3 +68,40 @@ def test_large_errors_of_one_joint_stay(virtual: VirtualCell, sound: Samples):
     p_meas = tp.register(arm.forward(sound.q, tool=tool)[:, :3, 3], sound.p_meas).apply(sound.p_meas) + moved
     found = tp.fit_cell(virtual.cell, replace(sound, p_meas=p_meas), "calibration")
     assert found.excluded == []
+
+
+@pytest.mark.parametrize("by", [3.0, 20.0, 457.0])
+def test_calibration_judges_by_a_scale_that_gross_readings_do_not_increase(virtual: VirtualCell, by: float):
+    arm, rng = virtual.cell.load_robot(), np.random.default_rng(2)
+    middle = np.array([0.0, -1.2, 1.4, 0.0, 0.5, 0.0])
+    q = middle + rng.uniform(-1.0, 1.0, size=(27, arm.dof))
+    e = 0.3 * arm.error_jacobian(q, parameters=["a3"])[:, :, 0] + rng.normal(scale=0.03, size=(27, 3))
+    e[7] += by * np.array([0.6, 0.0, -0.8])
+    model = KinematicCalibration(arm)
+    gross = fit_without_gross(model, q, e)
+    assert np.flatnonzero(gross).tolist() == [7]
+    assert model.misfit_std_ < 0.06
+
+
+def test_validation_names_gross_readings_and_shows_figures_without_them(virtual: VirtualCell, sound: Samples):
+    fitted = tp.fit_cell(virtual.cell, sound, "calibration")
+    held_out = virtual.measure(virtual.design(20, seed=2), seed=2)
+    found = fitted.validate(spoiled(held_out, rows=(5,), by=590.0), rivals=False)
+    kept = fitted.validate(held_out[np.arange(20) != 5], rivals=False)
+    assert found["after"]["mean_mm"] > 20.0
+    assert [row["row"] for row in found["gross"]] == [5]
+    assert found["without_gross"]["after"] == kept["after"]
+    assert "1 of 20 readings are gross" in repr(found)
+    assert kept["gross"] == []
+    assert kept["without_gross"] is None
+
+
+def test_validation_does_not_excuse_errors_that_neighbours_share(virtual: VirtualCell, sound: Samples):
+    """A reflector that was bumped: all readings from then on are off, and no reading is to blame."""
+    fitted = tp.fit_cell(virtual.cell, sound, "calibration")
+    held_out = virtual.measure(virtual.design(20, seed=2), seed=2)
+    p_meas = held_out.p_meas + 5.0
+    assert fitted.validate(replace(held_out, p_meas=p_meas), rivals=False)["gross"] == []
+    half = np.where(held_out.q[:, :1] > np.median(held_out.q[:, 0]), 5.0, 0.0)
+    found = fitted.validate(replace(held_out, p_meas=held_out.p_meas + half), rivals=False)
+    assert len(found["gross"]) <= 2  # at the border

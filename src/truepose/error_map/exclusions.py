@@ -25,7 +25,7 @@ from truepose._typing import BoolArray, FloatArray
 from truepose.cell import Cell
 from truepose.error_map.campaign import campaign_of
 from truepose.geometry import Registration
-from truepose.predictors.outliers import FEWEST, GROSS
+from truepose.predictors.outliers import FEWEST, GROSS, robust_factor
 from truepose.robots import Robot
 from truepose.samples import Samples
 
@@ -77,16 +77,44 @@ def gross_readings(
     off, own = campaign.e - columns @ beta, columns[marked]
     spread = np.einsum("iap,pq,ibq->iab", own, covariance, own) + used**2 * np.eye(3)
     surprise = np.sqrt(np.einsum("ia,ia->i", off[marked], np.linalg.solve(spread, off[marked][..., None])[..., 0]))
-    found[marked] = np.where((surprise > GROSS) & ~_shared(campaign.coordinates, off)[marked], surprise, 0.0)
+    found[marked] = np.where((surprise > GROSS) & ~shared(campaign.coordinates, off)[marked], surprise, 0.0)
     return found
 
 
-def _shared(coordinates: FloatArray, off: FloatArray) -> BoolArray:
-    """Return whether a neighbour of each reading is off by about the same vector, as errors of the arm are, (n,)."""
+def shared(coordinates: FloatArray, off: FloatArray) -> BoolArray:
+    """Return whether a neighbour of each reading is off by about the same vector, as errors of the arm are, (n,).
+
+    Parameters
+    ----------
+    coordinates : (n, d) array
+        The coordinates over which errors of the arm are smooth: joints or positions.
+    off : (n, 3) array [mm]
+        The deviations.
+    """
     _, near = KDTree(coordinates).query(coordinates, k=1 + _NEIGHBOURS)
     difference = np.linalg.norm(off[near] - off[:, None], axis=2)
     difference[near == np.arange(len(off))[:, None]] = np.inf  # of several rows at one pose any may be the first
     return np.asarray(difference.min(axis=1) < _ALIKE * np.linalg.norm(off, axis=1))
+
+
+def gross_held_out(coordinates: FloatArray, residual: FloatArray, std: FloatArray) -> FloatArray:
+    """Return how far each gross reading is from the prediction of a map without it, (n,) [standard deviations].
+
+    It is 0 for the readings that are not gross, and with fewer than 10 readings. The scale of the predicted standard
+    deviations is checked with the median residual, which single readings hardly affect.
+
+    Parameters
+    ----------
+    coordinates : (n, d) array
+        The coordinates over which errors of the arm are smooth: joints or positions.
+    residual, std : (n, 3) arrays [mm]
+        The residuals and their predicted standard deviations.
+    """
+    if len(residual) < FEWEST:
+        return np.zeros(len(residual))
+    surprise = np.linalg.norm(residual / std, axis=1)
+    surprise = surprise / robust_factor(float(np.median(surprise)))
+    return np.where((surprise > GROSS) & ~shared(coordinates, residual), surprise, 0.0)
 
 
 def without_gross(samples: Samples, registration: Registration, gross: FloatArray) -> Samples:
