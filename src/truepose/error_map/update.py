@@ -35,6 +35,7 @@ from truepose.samples import Samples, on_arm, reflector_index
 from truepose.verification.consistency import (
     DOUBTFUL,
     ConsistencyTest,
+    Verdict,
     Drift,
     Explanation,
     check_consistency,
@@ -53,6 +54,12 @@ _MOST_TOGETHER: Final = 1000  # readings whose joint covariance is computed
 _SAME_READING: Final = 2e-3  # mm, by the digits of a file; a tracker does not repeat a reading so closely
 _TURNED: Final = 0.2  # mm, how far a turn may move a reflector of a tool that is shifted
 _ALIKE: Final = 0.02  # smaller differences in the explained part do not separate two causes
+_SAID: Final[dict[Verdict, str]] = {
+    "holds": "holds",
+    "doubtful": "may no longer hold",
+    "does not hold": "does not hold",
+    "too cautious": "is too cautious, its standard deviations are too wide",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,11 +91,9 @@ class Recheck:
     def words(self) -> list[str]:
         """The result in sentences."""
         found = self.holding
-        verdict = "may no longer hold" if found.verdict == "doubtful" else found.verdict
-        size, chance = f"residuals are {found.ratio:.2f} times what it predicts", found.p_value
-        if found.verdict == "too cautious":
-            verdict, chance = "is too cautious, its standard deviations are too wide", found.p_wide
-        said = [f"The map {verdict}: {size} (p = {chance:.2g}, {found.n} readings)."]
+        size = f"residuals are {found.ratio:.2f} times what it predicts"
+        chance = found.p_wide if found.verdict == "too cautious" else found.p_value
+        said = [f"The map {_SAID[found.verdict]}: {size} (p = {chance:.2g}, {found.n} readings)."]
         said += [*self.strange, *(_sentence(cause) for cause in self.causes[:1])]
         for other in self.causes[1:3]:
             alike = self.causes[0].explained - other.explained < _ALIKE
