@@ -11,6 +11,7 @@ from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.points import commanded_points, of_one_reflector, points_on_tool
 from truepose.error_map.registration import reading_noise
+from truepose.error_map.repeatability import Repeatability
 from truepose.errors import DataError
 from truepose.geometry import Registration
 from truepose.identification import ParametricArm, Positions
@@ -153,7 +154,11 @@ def check_campaign(
         suspected = 0.0 if named else suspected_drift(campaign)
     before, after = _references(samples, order)
     others = np.setdiff1d(np.arange(len(samples)), after)
-    std = noise(campaign[others]) if len(before) and len(others) >= FEWEST else _stated(cell, samples, registration)
+    std = (
+        noise(campaign[others])
+        if len(before) and len(others) >= FEWEST
+        else _stated(cell, robot, samples, registration)
+    )
     reference = reference_change(campaign.e, campaign.p, before, after, std)
     if reference is not None and reference.notable:
         found.append(reference)
@@ -161,16 +166,15 @@ def check_campaign(
     ends = [[samples.identify(int(order[place])) for place in change.rows] for change in found]
     rows = samples.row[order]
     found = [replace(change, rows=(int(rows[change.rows[0]]), int(rows[change.rows[1]]))) for change in found]
-    stated, repeatability = cell.correction.max_std_mm, cell.robot.repeatability_mm
-    limit = stated or max(_LEAST_LIMIT, 2.0 * (repeatability or 0.0))
+    limit = cell.correction.max_std_mm or max(_LEAST_LIMIT, 2.0 * (Repeatability.of(cell, robot).known or 0.0))
     tested = len(samples) if len(samples) >= FEWEST or reference is not None else 0
     words = [_sentence(change, *map(name_one, pair)) for change, pair in zip(found, ends, strict=True)]
     return CampaignCheck(found, words, limit, tested, suspected, ends)
 
 
-def _stated(cell: Cell, samples: Samples, registration: Registration) -> float | None:
+def _stated(cell: Cell, robot: Robot, samples: Samples, registration: Registration) -> float | None:
     """Return the standard deviation of a reading, repeatability included [mm], where both are known."""
-    reading, repeatability = reading_noise(cell, samples, registration), cell.robot.repeatability_mm
+    reading, repeatability = reading_noise(cell, samples, registration), Repeatability.of(cell, robot).known
     if reading is None or repeatability is None:
         return None
     return float(np.sqrt(np.mean(reading**2) + (repeatability / RP_PER_STD) ** 2))

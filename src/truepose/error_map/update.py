@@ -35,9 +35,9 @@ from truepose.samples import Samples, on_arm, reflector_index
 from truepose.verification.consistency import (
     DOUBTFUL,
     ConsistencyTest,
-    Verdict,
     Drift,
     Explanation,
+    Verdict,
     check_consistency,
     drift,
     explanations,

@@ -13,6 +13,7 @@ from truepose.cell import Cell
 from truepose.error_map.exclusions import gross_held_out
 from truepose.error_map.prediction import PredictingMap
 from truepose.error_map.registration import reading_noise
+from truepose.error_map.repeatability import Repeatability
 from truepose.error_map.rivals import Better, better_predictor
 from truepose.error_map.worth import Worth
 from truepose.samples import Samples, name_one, on_arm
@@ -184,7 +185,7 @@ def motion_noise(error_map: PredictingMap, samples: Samples, cell: Cell | None =
     """
     cell = error_map.cell if cell is None else cell
     reading = reading_noise(cell, samples, error_map.registration)
-    repeatability = cell.robot.repeatability_mm
+    repeatability = Repeatability.of(cell, error_map.robot).known
     if reading is None or repeatability is None:
         return None
     return np.asarray(np.sqrt(reading**2 + (repeatability / RP_PER_STD) ** 2))
