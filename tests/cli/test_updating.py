@@ -54,6 +54,40 @@ def test_a_gross_reading_is_named(run, cell_files, readings, tmp_path):
     assert re.search("Far from the prediction: line [678]", done.out)
 
 
+def test_validate_names_gross_readings_and_judges_without_them(run, cell_files, readings, tmp_path):
+    p = readings.p_meas.copy()
+    p[4] += [0.0, 0.0, 590.0]
+    write_samples(tmp_path / "gross.csv", replace(readings, p_meas=p))
+    shown = " ".join(run("validate", cell_files.map, tmp_path / "gross.csv").out.split())
+    assert "1 of 12 readings are gross, without them the mean after is 0.0" in shown
+    assert "The map does not hold" in shown
+    assert "Without gross readings: The map holds" in shown
+    found = run("validate", cell_files.map, tmp_path / "gross.csv", "--json").json
+    assert len(found["gross"]) == 1
+    assert found["holding_without_gross"]["verdict"] == "holds"
+    assert found["without_gross"]["after"]["n"] == 11
+
+
+def test_fit_leaves_a_gross_reading_out_of_all_steps(run, cell_files, tmp_path):
+    samples = cell_files.virtual.measure(cell_files.virtual.design(30, seed=3), seed=3)
+    p = samples.p_meas.copy()
+    p[7] += [590.0, 0.0, 0.0]
+    write_samples(tmp_path / "gross.csv", replace(samples, p_meas=p))
+    write_samples(tmp_path / "kept.csv", samples[np.arange(30) != 7])
+    gross, kept = (
+        run(
+            *("fit", cell_files.cell, tmp_path / f"{name}.csv", "--predictor", "calibration", "--json"),
+            *("--out", tmp_path / f"{name}.truepose"),
+        ).json
+        for name in ("gross", "kept")
+    )
+    assert len(gross["excluded"]) == 1
+    assert gross["n"] == kept["n"]
+    for key in ("registered", "leave_one_out"):
+        assert gross[key]["max_mm"] == pytest.approx(kept[key]["max_mm"], rel=1e-6)
+    assert gross["worth"]["left_mm"] == pytest.approx(kept["worth"]["left_mm"], rel=1e-6)
+
+
 def test_tools_need_a_map_that_knows_the_arm(run, cell_files, readings, tmp_path):
     write_samples(tmp_path / "new.csv", readings)
     assert (

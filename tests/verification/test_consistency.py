@@ -48,6 +48,19 @@ def test_what_predictions_share_is_allowed_for(rng):
     assert check_consistency(rng.normal(scale=4 * STD, size=(15, 3)), covariance, shared).verdict == "does not hold"
 
 
+@pytest.mark.parametrize("n", [10, 40])
+def test_deviations_that_are_far_too_wide_do_not_hold(rng, n):
+    """Three times too wide is told; margins as a map's own are not, nor is chance."""
+    wide, covariance = rng.normal(scale=STD / 3, size=(n, 3)), independent(n)
+    found = check_consistency(wide, covariance)
+    assert (found.verdict, found.fails) == ("too cautious", False)
+    assert found.to_dict()["p_wide"] < 1e-3
+    margins = [check_consistency(rng.normal(scale=STD / 1.3, size=(n, 3)), covariance) for _ in range(200)]
+    assert all(one.verdict != "too cautious" for one in margins)
+    assert check_consistency(np.zeros((1, 3)) + 0.01 * STD, independent(1)).verdict == "too cautious"
+    assert check_consistency(np.full((1, 3), 0.3 * STD), independent(1)).verdict == "holds"
+
+
 def test_one_gross_reading_is_named(rng):
     residual = rng.normal(scale=STD, size=(20, 3))
     residual[7] += [0.0, 0.4, 0.0]

@@ -118,6 +118,8 @@ def _show(error_map: ErrorMap, *, parameters: bool) -> None:
         if fact.effect in ("refuses", "transforms") and fact.code not in ("weak", "constant-std"):
             effect = "'truepose correct' refuses" if fact.effect == "refuses" else "corrections follow it"
             say(f"[yellow]Fact {fact.code}[/]: {escape(fact.words)} ({effect}).")
+        elif fact.code == "repeatability":
+            say(f"[yellow]Fact {fact.code}[/]: {escape(fact.words)}.")
     if registration.hint:
         say(f"[yellow]Note[/]: {registration.hint}.")
     if models(error_map.predictor, "payload") and error_map.samples.p_load is None:

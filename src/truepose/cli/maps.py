@@ -105,6 +105,8 @@ def validate(
     as_json: Json = False,
 ) -> None:
     """Compare the errors before and after correction on samples that were not in the fit."""
+    import numpy as np
+
     from truepose.error_map import load_map, recheck
     from truepose.samples import read_samples
 
@@ -113,11 +115,17 @@ def validate(
         samples = read_samples(test_path)
         progress("Validating, and comparing with another predictor")
         validation, found = error_map.validate(samples), recheck(error_map, samples)
+        gross = validation.gross_rows
+        kept = recheck(error_map, samples[np.delete(np.arange(len(samples)), gross)]) if gross else None
         data = validation.to_dict()
         if record is not None and row is not None:
             record_validation(record, row, test_path, samples, data)
     if as_json:
-        more = {"holding": found.holding.to_dict(), "campaign": error_map.campaign}
+        more = {
+            "holding": found.holding.to_dict(),
+            "holding_without_gross": None if kept is None else kept.holding.to_dict(),
+            "campaign": error_map.campaign,
+        }
         emit_json({"map": map_path, "test": test_path, "predictor": error_map.predictor_name, **data, **more})
         return
     low, high = data["intervals_95"]["after_mean_mm"]
@@ -129,6 +137,8 @@ def validate(
         f"inside the 95 % intervals: {100 * cover['within_95']:.0f} %.",
         found.words[0],
     )
+    if kept is not None:
+        say(f"[yellow]Warning[/]: {validation.words_of_gross}.", f"Without gross readings: {kept.words[0]}")
     if floor := data.get("noise_floor"):
         low, high = floor["ratio_interval_95"]
         say(

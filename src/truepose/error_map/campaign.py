@@ -9,11 +9,12 @@ import numpy as np
 
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
-from truepose.error_map.points import of_one_reflector
+from truepose.error_map.points import commanded_points, of_one_reflector, points_on_tool
 from truepose.error_map.registration import reading_noise
+from truepose.error_map.repeatability import Repeatability
 from truepose.errors import DataError
 from truepose.geometry import Registration
-from truepose.identification import ParametricArm
+from truepose.identification import ParametricArm, Positions
 from truepose.numerics.threads import blas_threads
 from truepose.robots import Load, Robot, error_model, thermal_columns
 from truepose.robots.nongeometric import STEEL
@@ -146,14 +147,18 @@ def check_campaign(
         registration = replace(registration, residuals=registration.residuals[rows])
         samples = replace(samples[rows], reflector=None)
     order = np.arange(len(samples)) if samples.time is None else np.argsort(samples.time, kind="stable")
-    campaign = _campaign(cell, robot, samples, registration, tf_flange_tool, expansion)[order]
+    campaign = campaign_of(cell, robot, samples, registration, tf_flange_tool, expansion)[order]
     with blas_threads(LARGEST):
         found = changes(campaign)
         named = any(change.kind in ("drift", "moved") for change in found)
         suspected = 0.0 if named else suspected_drift(campaign)
     before, after = _references(samples, order)
     others = np.setdiff1d(np.arange(len(samples)), after)
-    std = noise(campaign[others]) if len(before) and len(others) >= FEWEST else _stated(cell, samples, registration)
+    std = (
+        noise(campaign[others])
+        if len(before) and len(others) >= FEWEST
+        else _stated(cell, robot, samples, registration)
+    )
     reference = reference_change(campaign.e, campaign.p, before, after, std)
     if reference is not None and reference.notable:
         found.append(reference)
@@ -161,29 +166,29 @@ def check_campaign(
     ends = [[samples.identify(int(order[place])) for place in change.rows] for change in found]
     rows = samples.row[order]
     found = [replace(change, rows=(int(rows[change.rows[0]]), int(rows[change.rows[1]]))) for change in found]
-    stated, repeatability = cell.correction.max_std_mm, cell.robot.repeatability_mm
-    limit = stated or max(_LEAST_LIMIT, 2.0 * (repeatability or 0.0))
+    limit = cell.correction.max_std_mm or max(_LEAST_LIMIT, 2.0 * (Repeatability.of(cell, robot).known or 0.0))
     tested = len(samples) if len(samples) >= FEWEST or reference is not None else 0
     words = [_sentence(change, *map(name_one, pair)) for change, pair in zip(found, ends, strict=True)]
     return CampaignCheck(found, words, limit, tested, suspected, ends)
 
 
-def _stated(cell: Cell, samples: Samples, registration: Registration) -> float | None:
+def _stated(cell: Cell, robot: Robot, samples: Samples, registration: Registration) -> float | None:
     """Return the standard deviation of a reading, repeatability included [mm], where both are known."""
-    reading, repeatability = reading_noise(cell, samples, registration), cell.robot.repeatability_mm
+    reading, repeatability = reading_noise(cell, samples, registration), Repeatability.of(cell, robot).known
     if reading is None or repeatability is None:
         return None
     return float(np.sqrt(np.mean(reading**2) + (repeatability / RP_PER_STD) ** 2))
 
 
-def _campaign(
+def campaign_of(
     cell: Cell,
     robot: Robot,
     samples: Samples,
     registration: Registration,
     tf_flange_tool: FloatArray,
-    expansion: bool,
+    expansion: bool = False,
 ) -> Campaign:
+    """Return the errors of samples in the order of their rows, with the columns of their model; see `Campaign`."""
     when = np.arange(len(samples), dtype=np.float64) if samples.time is None else samples.time
     if samples.q is None:
         p = samples.p_cmd
@@ -193,7 +198,7 @@ def _campaign(
             turned = (samples.rotation_cmd * samples.rotation_cmd[0].inv()).as_rotvec()
             coordinates = np.column_stack([p, 1e3 * turned])
     else:
-        p, coordinates = robot.forward(samples.q, tool=tf_flange_tool)[:, :3, 3], samples.q
+        p, coordinates = commanded_points(robot, cell, samples, tf_flange_tool), samples.q
         columns = _of_arm(cell, robot, samples, tf_flange_tool)
         if expansion and samples.temperature is not None:
             kelvin = samples.temperature - samples.temperature.mean()
@@ -218,7 +223,9 @@ def _of_arm(cell: Cell, robot: Robot, samples: Samples, tf_flange_tool: FloatArr
         terms=(*_TERMS, "backlash") if reversing else _TERMS,
         load=Load(payload.mass_kg, np.array([payload.x_mm, payload.y_mm, payload.z_mm])),
     )
-    columns = arm.jacobian(samples.q, np.zeros(len(arm.parameters)), approach)
+    n, r = len(samples), None if samples.reflector is None else points_on_tool(samples, cell)
+    data = Positions(samples.q, np.zeros((n, 3)), np.zeros((n, 3, 3)), approach, r)
+    columns = data.jacobian(arm, np.zeros(len(arm.parameters)))
     own = np.array([parameter.group != "base" for parameter in arm.parameters])
     return np.asarray(columns[:, :, own] * arm.tolerance[own])
 

@@ -47,6 +47,9 @@ CODES: Final = {
     "scale": Kind("widens", "measured lengths have a scale against commanded ones, which was accepted or is small"),
     "reference": Kind("widens", "reference points moved during the campaign, which was accepted or is small"),
     "suspected-drift": Kind("widens", "a drift of the readings is suspected, but too uncertain to be named"),
+    "repeatability": Kind(
+        "widens", "the stated repeatability is far beyond that of the robot's data sheet: it is not used"
+    ),
     "one-sided": Kind("told", "all samples came from one side, so that lost motion of the joints is not known"),
     "arm-checked": Kind("told", "the arm's model agrees with the positions that the controller shows"),
     "arm-not-checked": Kind("told", "no positions of the controller were at hand to check the arm's model"),

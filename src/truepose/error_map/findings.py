@@ -10,6 +10,7 @@ import numpy as np
 
 from truepose.error_map.data import MapData
 from truepose.error_map.facts import Fact
+from truepose.error_map.repeatability import Repeatability
 from truepose.samples import name_points
 
 
@@ -42,6 +43,9 @@ def _of_arm(error_map: MapData) -> Iterator[Fact]:
     check = error_map.arm_check
     words = check.words.rstrip(".")
     yield Fact("arm-checked" if check.checked else "arm-not-checked", words, "fit", check.residual_mm, None, "mm")
+    repeatability = Repeatability.of(error_map.cell, error_map.robot)
+    if repeatability.doubt:
+        yield Fact("repeatability", repeatability.doubt, "fit", repeatability.stated, None, "mm")
     if error_map.registration.hint:
         yield Fact("registration", error_map.registration.hint, "fit")
 

@@ -14,6 +14,7 @@ from truepose.error_map.arm_check import check_arm, in_controllers_base
 from truepose.error_map.campaign import CampaignCheck, check_campaign
 from truepose.error_map.conditions import modelled_conditions
 from truepose.error_map.distances import check_distance_rows, distance_rows, unused_distances, with_origins
+from truepose.error_map.exclusions import contradicted, gross_readings, without_gross
 from truepose.error_map.fleet import fleet_of
 from truepose.error_map.map import ErrorMap
 from truepose.error_map.registration import with_tool_hint, wrong_tool_named
@@ -112,6 +113,17 @@ def fit_cell(
     )
     measured = replace(measured, drifting="time" in known and campaign.drifts)
     _refuse(campaign, measured, known, accept_campaign)
+    gross = gross_readings(cell, measured.robot, samples, registration, tf_flange_tool)
+    # readings before or after a motion that was accepted contradict the others, but are not wrong
+    if gross.any() and not any(change.kind == "moved" for change in campaign.changes):
+        samples = without_gross(samples, registration, gross)
+        measured = replace(measured, samples=samples)
+        registration, tf_flange_tool = measured.register()
+        campaign = check_campaign(
+            cell, measured.robot, samples, registration, tf_flange_tool, expansion="temperature" in known
+        )
+        measured = replace(measured, drifting="time" in known and campaign.drifts)
+        _refuse(campaign, measured, known, accept_campaign)
     with points_named(samples):
         if predictor == "auto":
             progress("Cross-validation of the candidates")
@@ -191,11 +203,8 @@ def _for_many(predictor: str, n: int) -> str:
 def _excluded(samples: Samples, registration: Registration, choice: Choice) -> list[dict[str, Any]]:
     """Name the samples left out, and those to which a robust predictor gives almost no weight."""
     kept, model = np.flatnonzero(choice.gross == 0), choice.predictor
-    reasons = {
-        i: f"{choice.gross[i]:.1f} standard deviations from the prediction by the others"
-        for i in np.flatnonzero(choice.gross)
-    }
-    if isinstance(model, OutlierWeighing):
-        reasons |= dict.fromkeys(kept[model.gross_], "contradicted by the others")
     size = np.linalg.norm(registration.residuals, axis=1)
-    return [{**samples.identify(int(i)), "reason": f"error of {size[i]:.3f} mm, {why}"} for i, why in reasons.items()]
+    reasons = {i: contradicted(size[i], choice.gross[i]) for i in np.flatnonzero(choice.gross)}
+    if isinstance(model, OutlierWeighing):
+        reasons |= {i: f"error of {size[i]:.3f} mm, contradicted by the others" for i in kept[model.gross_]}
+    return [{**samples.identify(int(i)), "reason": why} for i, why in reasons.items()]

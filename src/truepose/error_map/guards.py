@@ -10,6 +10,7 @@ import numpy as np
 from truepose._typing import IntArray
 from truepose.cell import Cell, Correction
 from truepose.compensation import Guards, LimitsInForce
+from truepose.error_map.repeatability import USUAL_RP_MM, Repeatability
 from truepose.errors import RobotError
 from truepose.robots import Robot, status_turn
 from truepose.samples import Samples
@@ -18,8 +19,6 @@ STD_PER_TOLERANCE: Final = 0.5
 """Largest standard deviation as a share of the tolerance: an error of twice that is still within the tolerance."""
 STD_PER_RP: Final = 4.0
 """Largest standard deviation as a multiple of RP: errors of arms are ten RP and more; half of that is no gain."""
-USUAL_RP_MM: Final = 0.06
-"""RP of an arm whose cell file states none, that of large arms [mm]."""
 
 
 def stated_limits(
@@ -53,24 +52,25 @@ def stated_limits(
     )
 
 
-def found_limits(limits: LimitsInForce, guards: Guards, space: str, repeatability_mm: float | None) -> LimitsInForce:
+def found_limits(limits: LimitsInForce, guards: Guards, space: str, repeatability: Repeatability) -> LimitsInForce:
     """Return the limits in force, completed by those that follow from the cell or from the samples."""
     distance = guards.region.max_distance
     unit, value = ("mm", distance) if space == "cartesian" else ("deg", float(np.rad2deg(distance)))
     return limits.with_found(
         {
-            "max_std_mm": _largest_std(limits.values.get("tolerance_mm"), repeatability_mm),
+            "max_std_mm": _largest_std(limits.values.get("tolerance_mm"), repeatability),
             f"max_distance_{unit}": (value, "1.5 times the widest gap between samples"),
         }
     )
 
 
-def _largest_std(tolerance_mm: float | None, repeatability_mm: float | None) -> tuple[float, str]:
+def _largest_std(tolerance_mm: float | None, repeatability: Repeatability) -> tuple[float, str]:
     """Return the default of the largest standard deviation [mm] and its origin; it does not depend on the samples."""
     if tolerance_mm is not None:
         return STD_PER_TOLERANCE * tolerance_mm, "half of tolerance_mm"
-    if repeatability_mm is not None:
-        return STD_PER_RP * repeatability_mm, f"{STD_PER_RP:g} times the robot's repeatability_mm"
+    if repeatability.known is not None:
+        whose = "the usual repeatability" if repeatability.doubt else "the robot's repeatability_mm"
+        return STD_PER_RP * repeatability.known, f"{STD_PER_RP:g} times {whose}"
     return STD_PER_RP * USUAL_RP_MM, f"{STD_PER_RP:g} times {USUAL_RP_MM} mm, since no repeatability_mm is stated"
 
 

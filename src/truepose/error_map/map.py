@@ -31,6 +31,7 @@ from truepose.error_map.frozen import FrozenMap, freeze
 from truepose.error_map.guards import arm_branches, found_limits, stated_limits
 from truepose.error_map.points import first_of_visits
 from truepose.error_map.prediction import PredictingMap
+from truepose.error_map.repeatability import Repeatability
 from truepose.error_map.validation import Validation, validate
 from truepose.errors import DataError
 from truepose.predictors.abilities import Conditional, JointwisePredicting
@@ -282,8 +283,8 @@ class ErrorMap(PredictingMap):
         """
         limits = stated_limits(self.cell, cell, options, self.space)
         stated = self.cell if cell is None or cell.robot.repeatability_mm is None else cell
-        repeatability = stated.robot.repeatability_mm
-        limits = found_limits(limits, self.guards_of(limits.limits), self.space, repeatability)
+        known = Repeatability.of(stated, self.robot)
+        limits = found_limits(limits, self.guards_of(limits.limits), self.space, known)
         if self.space == "cartesian" and self.rotation is not None:
             angle = float(np.rad2deg(self.supported_angle))
             limits = limits.at_most("max_angle_deg", angle, "as far as the samples' orientations support it")

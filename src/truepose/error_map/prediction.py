@@ -22,6 +22,7 @@ from truepose.error_map.conditions import (
     with_conditions,
 )
 from truepose.error_map.data import MapData
+from truepose.error_map.repeatability import Repeatability
 from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform
 from truepose.predictors import LeaveOneOut, PosePredictor
@@ -122,7 +123,7 @@ class PredictingMap(MapData):
         nugget, reading = self.predictor.nugget_, self.predictor.noise_std_
         noise = 0.0 if reading is None else np.mean(reading**2, axis=0)
         nugget = np.where(nugget > 0.0, nugget + np.sqrt(2.0 / (3 * len(self.samples))) * (nugget + noise), 0.0)
-        repeatability = (self.cell.robot.repeatability_mm or 0.0) / RP_PER_STD
+        repeatability = (Repeatability.of(self.cell, self.robot).known or 0.0) / RP_PER_STD
         return nugget, np.minimum(nugget, repeatability**2)
 
     def predict(self, poses: Poses | ArrayLike) -> Prediction:

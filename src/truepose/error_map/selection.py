@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.conditions import modelled_conditions, work_of
 from truepose.error_map.distances import distance_rows, with_origins
+from truepose.error_map.exclusions import gross_readings, without_gross
 from truepose.error_map.orientations import orientation_columns
 from truepose.error_map.points import commanded_points, reflectors_of
 from truepose.error_map.registration import check_samples, reading_noise, register_checked
@@ -60,6 +61,12 @@ class CellSamples:
             _ = self._checked
         registration, tf_flange_tool, _ = register_checked(self.cell, self.robot, self.samples[rows])
         return registration, tf_flange_tool
+
+    def without_gross(self) -> Self:
+        """Return the samples without gross readings; see `truepose.error_map.exclusions`."""
+        registration, tf_flange_tool = self.register()
+        gross = gross_readings(self.cell, self.robot, self.samples, registration, tf_flange_tool)
+        return replace(self, samples=without_gross(self.samples, registration, gross)) if gross.any() else self
 
     @cached_property
     def _checked(self) -> bool:
@@ -146,7 +153,7 @@ def choose(
     candidates : "quick", "all", or sequence of str
         The names of predictors, with options as in `truepose.predictors.predictor_spec`.
     samples : Samples
-        The commanded poses and readings.
+        The commanded poses and readings. Gross ones are left out, and named in ``excluded`` of the result.
     cell : Cell, optional
         The cell; without it the samples need commanded positions, and candidates that use the arm are skipped.
     splits, folds, rng, workers, executor, progress
@@ -174,9 +181,10 @@ def choose(
     registrable: BareSamples | CellSamples = BareSamples(samples)
     if cell is not None:
         robot = cell.load_robot()
-        registrable = CellSamples(cell, robot, with_origins(cell, on_arm(samples, robot)))
+        registrable = CellSamples(cell, robot, with_origins(cell, on_arm(samples, robot))).without_gross()
+        samples = registrable.samples
     with points_named(samples):
-        return rank_predictors(
+        choice = rank_predictors(
             candidates,
             registrable,
             splits=splits,
@@ -186,6 +194,7 @@ def choose(
             executor=executor,
             progress=progress,
         )
+    return replace(choice, excluded=samples.excluded)
 
 
 def arm_of(cell: Cell, robot: Robot, tf_flange_tool: FloatArray) -> ArmContext:

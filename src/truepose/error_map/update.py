@@ -37,6 +37,7 @@ from truepose.verification.consistency import (
     ConsistencyTest,
     Drift,
     Explanation,
+    Verdict,
     check_consistency,
     drift,
     explanations,
@@ -53,6 +54,12 @@ _MOST_TOGETHER: Final = 1000  # readings whose joint covariance is computed
 _SAME_READING: Final = 2e-3  # mm, by the digits of a file; a tracker does not repeat a reading so closely
 _TURNED: Final = 0.2  # mm, how far a turn may move a reflector of a tool that is shifted
 _ALIKE: Final = 0.02  # smaller differences in the explained part do not separate two causes
+_SAID: Final[dict[Verdict, str]] = {
+    "holds": "holds",
+    "doubtful": "may no longer hold",
+    "does not hold": "does not hold",
+    "too cautious": "is too cautious, its standard deviations are too wide",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +71,7 @@ class Recheck:
     holding : ConsistencyTest
         The test of the residuals; its ``far`` are rows of the samples.
     causes : list of Explanation
-        The possible causes, the likeliest first; empty where the map holds.
+        The possible causes, the likeliest first; empty where residuals are not larger than predicted.
     time, temperature : Drift, optional
         The drift of the unexplained errors [mm/h], [mm/K]; None where the samples do not determine it.
     strange : list of str
@@ -84,9 +91,9 @@ class Recheck:
     def words(self) -> list[str]:
         """The result in sentences."""
         found = self.holding
-        verdict = "may no longer hold" if found.verdict == "doubtful" else found.verdict
         size = f"residuals are {found.ratio:.2f} times what it predicts"
-        said = [f"The map {verdict}: {size} (p = {found.p_value:.2g}, {found.n} readings)."]
+        chance = found.p_wide if found.verdict == "too cautious" else found.p_value
+        said = [f"The map {_SAID[found.verdict]}: {size} (p = {chance:.2g}, {found.n} readings)."]
         said += [*self.strange, *(_sentence(cause) for cause in self.causes[:1])]
         for other in self.causes[1:3]:
             alike = self.causes[0].explained - other.explained < _ALIKE
@@ -95,7 +102,7 @@ class Recheck:
             if one is not None:
                 slope, std = float(np.linalg.norm(one.slope)), length_std(one.slope, one.std)
                 sure = "no significant drift" if one.p_value >= DOUBTFUL else "drift"
-                if sure == "drift" and found.verdict == "holds":
+                if sure == "drift" and not found.fails:
                     sure = "drift, small enough for the map to hold"
                 said.append(f"Over {name}: {sure}: {slope:.4f} ± {std:.4f} mm/{unit} (p = {one.p_value:.2g}).")
         return said
@@ -146,7 +153,7 @@ def recheck(error_map: ErrorMap, samples: Samples) -> Recheck:
     order = np.arange(len(samples)) if samples.time is None else np.argsort(samples.time, kind="stable")
     found = check_consistency(residual[order], _permuted(covariance, order), None if shared is None else shared[order])
     found = replace(found, far=np.sort(order[found.far]).tolist())
-    why = explanations(residual, covariance, _causes(error_map, samples)) if found.verdict != "holds" else []
+    why = explanations(residual, covariance, _causes(error_map, samples)) if found.fails else []
 
     def over(quantity: FloatArray | None, scale: float) -> Drift | None:
         if quantity is None or len(samples) < _LEAST_TIMED or np.ptp(quantity) == 0:

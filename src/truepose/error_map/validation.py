@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -10,11 +10,13 @@ import numpy as np
 from truepose._io.tables import by_axis, data_frame, html_table
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
+from truepose.error_map.exclusions import gross_held_out
 from truepose.error_map.prediction import PredictingMap
 from truepose.error_map.registration import reading_noise
+from truepose.error_map.repeatability import Repeatability
 from truepose.error_map.rivals import Better, better_predictor
 from truepose.error_map.worth import Worth
-from truepose.samples import Samples, on_arm
+from truepose.samples import Samples, name_one, on_arm
 from truepose.verification import RP_PER_STD, HeldOut, held_out, usual_groups
 
 if TYPE_CHECKING:
@@ -70,6 +72,10 @@ class Validation:
         The errors of each pose, for pictures and tables.
     better : Better, optional
         Another predictor that would do far better on these samples.
+    gross : list of dict
+        The readings that no error of the arm explains, by ``row``, ``point`` and ``line``, with the ``reason``.
+    without_gross : HeldOut, optional
+        The figures without them; None where none is gross.
     """
 
     figures: HeldOut
@@ -77,11 +83,29 @@ class Validation:
     worth: Worth
     residuals: Residuals
     better: Better | None = None
+    gross: list[dict[str, Any]] = field(default_factory=list)
+    without_gross: HeldOut | None = None
 
     def __repr__(self) -> str:
         seen = f"\n{self.seen} of the samples took part in the fit: the figures are too good" if self.seen else ""
         better = "" if self.better is None else f"\n{self.better.words}"
-        return f"{self.figures!r}\nmap: {self.worth.brief}{seen}{better}"
+        gross = f"\n{self.words_of_gross}" if self.gross else ""
+        return f"{self.figures!r}\nmap: {self.worth.brief}{seen}{better}{gross}"
+
+    @property
+    def gross_rows(self) -> list[int]:
+        """The places of the gross readings among the samples, from 0."""
+        return np.flatnonzero(np.isin(self.residuals.row, [one["row"] for one in self.gross])).tolist()
+
+    @property
+    def words_of_gross(self) -> str:
+        """The gross readings and the mean without them, in one sentence without a full stop; empty without any."""
+        if self.without_gross is None:
+            return ""
+        mean = self.without_gross.to_dict()["after"]["mean_mm"]
+        named = "; ".join(f"{name_one(one)}: {one['reason']}" for one in self.gross)
+        of_all = f"{len(self.gross)} of {len(self.residuals.row)}"
+        return f"{of_all} readings are gross, without them the mean after is {mean:.3f} mm ({named})"
 
     def _repr_html_(self) -> str:
         figures = self.figures.to_dict()
@@ -114,7 +138,14 @@ class Validation:
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values, for JSON."""
         better = None if self.better is None else self.better.to_dict()
-        return {**self.figures.to_dict(), "seen": self.seen, "worth": self.worth.to_dict(), "better": better}
+        return {
+            **self.figures.to_dict(),
+            "seen": self.seen,
+            "worth": self.worth.to_dict(),
+            "better": better,
+            "gross": self.gross,
+            "without_gross": None if self.without_gross is None else self.without_gross.to_dict(),
+        }
 
 
 def validate(error_map: PredictingMap, samples: Samples, *, rivals: bool) -> Validation:
@@ -126,12 +157,24 @@ def validate(error_map: PredictingMap, samples: Samples, *, rivals: bool) -> Val
     groups = usual_groups(p_cmd, q=samples.q, robot=error_map.robot, time=samples.time)
     assert samples.row is not None  # set by Poses
     known = {row.tobytes() for row in error_map.samples.p_meas}
+    noise, left = motion_noise(error_map, samples), e - expected
+    gross = gross_held_out(p_cmd if samples.q is None else samples.q, left, std)
+    kept, size = gross == 0, np.linalg.norm(left, axis=1)
+    without = None
+    if not kept.all():
+        parts = {name: labels[kept] for name, labels in groups.items()}
+        without = held_out(e[kept], left[kept], std[kept], noise=None if noise is None else noise[kept], groups=parts)
     return Validation(
-        held_out(e, e - expected, std, noise=motion_noise(error_map, samples), groups=groups),
+        held_out(e, left, std, noise=noise, groups=groups),
         sum(row.tobytes() in known for row in samples.p_meas),
         error_map.worth,
         Residuals(samples.row, p_cmd, e, expected, std),
         better_predictor(error_map, samples) if rivals else None,
+        [
+            {**samples.identify(i), "reason": f"residual of {size[i]:.3f} mm, {gross[i]:.1f} standard deviations"}
+            for i in np.flatnonzero(gross).tolist()
+        ],
+        without,
     )
 
 
@@ -142,7 +185,7 @@ def motion_noise(error_map: PredictingMap, samples: Samples, cell: Cell | None =
     """
     cell = error_map.cell if cell is None else cell
     reading = reading_noise(cell, samples, error_map.registration)
-    repeatability = cell.robot.repeatability_mm
+    repeatability = Repeatability.of(cell, error_map.robot).known
     if reading is None or repeatability is None:
         return None
     return np.asarray(np.sqrt(reading**2 + (repeatability / RP_PER_STD) ** 2))

@@ -120,3 +120,11 @@ class OutlierWeighing(Protocol):
     """A fitted predictor that weighs outliers down itself."""
 
     gross_: IntArray
+
+
+@runtime_checkable
+class RobustlyJudging(Protocol):
+    """A fitted predictor that can judge its readings by a robust fit, which gross ones hardly pull."""
+
+    def robust_surprise(self) -> FloatArray:
+        """Return the length of each reading's residual in standard deviations, both by the robust fit, (n,)."""

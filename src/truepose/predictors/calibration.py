@@ -339,6 +339,17 @@ class KinematicCalibration(ConditionedPredictor):
         own = plain @ spread @ np.swapaxes(plain, 1, 2)
         return LeaveOneOut(np.einsum("nij,nj->ni", plain, left), np.sqrt(np.einsum("nii->ni", own)))
 
+    def robust_surprise(self) -> FloatArray:
+        """Return the length of each residual in standard deviations, both by a fit with a robust loss, (n,).
+
+        Its misfit is estimated from the median, so that gross readings increase neither the scale by which they are
+        judged nor the residuals of the others.
+        """
+        misfit = None if self.misfit_std is None else np.array([self.misfit_std])
+        found = levenberg_marquardt(self._arm, self._data, self._arm.tolerance, misfit=misfit, loss="cauchy")
+        variance = np.einsum("nii->ni", self._data.covariance) + found.misfit[0] ** 2
+        return np.asarray(np.linalg.norm(found.residual / np.sqrt(variance), axis=1))
+
     def _fitted_parameters(self) -> dict[str, Any]:
         return {"misfit_std": self.misfit_std_, "identified": tuple(self.solution_.x.tolist())}
 

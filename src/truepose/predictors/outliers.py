@@ -8,10 +8,14 @@ import numpy as np
 
 from truepose._typing import FloatArray
 from truepose.errors import KrigingError
+from truepose.predictors.abilities import RobustlyJudging
 from truepose.predictors.base import Predictor
 
-_GROSS: Final = 10.0  # predicted standard deviations; a rough model of good readings reaches 8
-_FEWEST: Final = 10  # samples; with fewer nothing is left out
+GROSS: Final = 10.0
+"""Predicted standard deviations beyond which a reading is gross; a rough model of good readings reaches 8."""
+FEWEST: Final = 10
+"""The smallest number of samples; with fewer nothing is left out."""
+_DOUBTFUL: Final = 5.0  # predicted standard deviations; 1 of 60,000 normal readings is beyond
 _MEDIAN: Final = 1.538  # length of a standard normal vector in space, in the middle
 _HEAVY: Final = 3.0  # tails of good readings beyond those of a normal distribution, at most
 
@@ -24,8 +28,9 @@ def fit_without_gross(
     A reading is gross if its leave-one-out residual exceeds 10 predicted standard deviations (norm over the
     components). Where gross readings have increased all standard deviations, the limit is 30 standard deviations as
     estimated from the median residual. The worst readings are removed first, because one gross reading spoils the
-    predictions of its neighbours. Large errors alone are not gross: at the edge of a region they may be errors of the
-    robot, and then its neighbours have them too.
+    predictions of its neighbours. A predictor whose parameters a single reading can pull far, such as calibration,
+    judges doubtful ones by a robust fit as well (`RobustlyJudging`). Large errors alone are not gross: at the edge of a
+    region they may be errors of the robot, and then its neighbours have them too.
 
     Parameters
     ----------
@@ -51,8 +56,30 @@ def fit_without_gross(
         middle = np.median(surprise)
         if middle > 0:  # 0: an interpolator that meets most of its samples
             surprise = surprise * max(1.0, _MEDIAN / (_HEAVY * middle))
+        if surprise.max() > _DOUBTFUL and isinstance(model, RobustlyJudging):
+            surprise = np.maximum(surprise, model.robust_surprise())
         worst = surprise.max()
-        if worst <= _GROSS or len(kept) <= _FEWEST:
+        if worst <= GROSS or len(kept) <= FEWEST:
             return gross
-        out = surprise > max(_GROSS, 0.7 * worst)
+        out = surprise > max(GROSS, 0.7 * worst)
         gross[kept[out]] = surprise[out]
+
+
+def robust_factor(middle: float) -> float:
+    """Return by what a predicted standard deviation is multiplied before it judges readings of which some are gross.
+
+    It is larger than 1 where most residuals are larger than predicted, and smaller where they are so much smaller that
+    gross readings must have increased the standard deviation.
+
+    Parameters
+    ----------
+    middle : float
+        The median length of residuals in predicted standard deviations.
+
+    Examples
+    --------
+    >>> robust_factor(1.538), robust_factor(3.076), round(robust_factor(0.01), 3)
+    (1.0, 2.0, 0.02)
+    """
+    ratio = middle / _MEDIAN
+    return max(ratio, min(1.0, _HEAVY * ratio) or 1.0)  # 0: an interpolator that meets most of its samples

@@ -79,6 +79,8 @@ class Choice:
         How strongly the others contradict each sample, in standard deviations; 0 for samples used in the fit.
     errors : PositionalErrors
         The samples after a registration with all of them.
+    excluded : sequence of dict
+        The readings that were left out before, as `truepose.Samples.excluded`; they are not among the n samples.
     """
 
     ranking: list[dict[str, Any]]
@@ -87,6 +89,7 @@ class Choice:
     predictor: Predictor
     gross: FloatArray
     errors: PositionalErrors
+    excluded: Sequence[Mapping[str, Any]] = ()
 
     def __repr__(self) -> str:
         low, high = self.expected["mean_interval_mm"]
@@ -94,7 +97,9 @@ class Choice:
         width = max(len(row["predictor"]) for row in self.ranking)
         rows = [f"\n  {row['predictor']:<{width}}  {_figures_of(row)}" for row in self.ranking]
         expected = f"{self.expected['mean_mm']:.3f} mm (95 % interval {low:.3f} to {high:.3f})"
-        head = f"<Choice: {self.predictor_name}, fitted to {used} of {n} samples; expected mean residual {expected}"
+        left_out = f" ({len(self.excluded)} more left out before)" if self.excluded else ""
+        head = f"<Choice: {self.predictor_name}, fitted to {used} of {n} samples{left_out}; "
+        head += f"expected mean residual {expected}"
         return head + "".join(rows) + ">"
 
     def _repr_html_(self) -> str:
@@ -118,7 +123,12 @@ class Choice:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the ranking and the expected residuals as plain values, for JSON."""
-        return {"predictor": self.predictor_name, "ranking": self.ranking, "expected": self.expected}
+        return {
+            "predictor": self.predictor_name,
+            "ranking": self.ranking,
+            "expected": self.expected,
+            "excluded": list(self.excluded),
+        }
 
 
 def _figures_of(row: Mapping[str, Any]) -> str:
