@@ -141,6 +141,7 @@ def test_a_command_works_or_names_the_extra(base: dict[str, Any], name: str) -> 
     assert "Traceback" not in errors
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", CALLS)
 def test_a_call_works_or_names_the_extra(base: dict[str, Any], name: str) -> None:
     kind, message = base["calls"][name]

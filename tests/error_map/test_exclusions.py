@@ -33,6 +33,7 @@ def spoiled(samples: Samples, *, rows: tuple[int, ...] = (7,), by: float) -> Sam
     return replace(samples, p_meas=p_meas)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("by", [20.0, 590.0])
 @pytest.mark.parametrize("predictor", ["calibration", "kinematic-kriging", "ordinary-kriging-joint"])
 def test_a_map_is_that_of_the_readings_kept(virtual: VirtualCell, sound: Samples, predictor: str, by: float):

@@ -125,6 +125,7 @@ def test_a_map_needs_no_other_file(following, tmp_path):
     assert np.abs(p_frozen - again.predictor.predict(q)).max() < 1e-3
 
 
+@pytest.mark.exhaustive
 def test_a_child_may_be_a_parent(alike, following):
     """The curves of a robot that was fitted with a mean include it."""
     member = following.predictor.member("child")

@@ -32,6 +32,7 @@ def stating(cell: Cell, repeatability_mm: float | None) -> Cell:
     return cell.model_copy(update={"robot": cell.robot.model_copy(update={"repeatability_mm": repeatability_mm})})
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("predictor", ["kinematic-kriging", "ordinary-kriging", "calibration"])
 def test_a_slip_is_as_the_data_sheet(virtual: VirtualCell, samples: Any, predictor: str) -> None:
     wanted = tp.fit_cell(stating(virtual.cell, USUAL_RP_MM), samples, predictor)
