@@ -7,8 +7,9 @@ import pytest
 from tests.report.conftest import DATE, EN
 
 from truepose.cell import Cell
+from truepose.error_map.repeatability import USUAL_RP_MM
 from truepose.errors import DataError
-from truepose.report.conformity import decision
+from truepose.report.conformity import decision, section
 from truepose.report.document import Facts, Table
 from truepose.report.evidence import gather
 from truepose.report.locale import LOCALES, load_locale
@@ -63,6 +64,15 @@ def test_nothing_is_decided_without_proof(error_map, cell, stated_cell, study):
     other = Cell.from_toml('[robot]\nmodel = "kuka-kr150-2"\n')
     with pytest.raises(DataError, match=r"describes a kuka-kr150-2, but the map is of a kuka-kr210-r2700-extra"):
         gather(error_map, cell=other, study=study)
+
+
+def test_a_repeatability_that_is_not_believed_is_no_source_of_uncertainty(error_map, cell, stated_cell, study):
+    def told(repeatability_mm: float) -> str:
+        robot = stated_cell.robot.model_copy(update={"repeatability_mm": repeatability_mm})
+        made = gather(error_map, cell[2], cell=stated_cell.model_copy(update={"robot": robot}), study=study)
+        return repr(section(made, EN))
+
+    assert told(5.1) == told(USUAL_RP_MM) != told(0.05)
 
 
 def test_a_logo_that_cannot_be_used_is_named(error_map, cell, stated_cell, study, no_figures):

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from truepose._typing import FloatArray
+from truepose.error_map.repeatability import Repeatability
 from truepose.report.document import Block, Section, Table, Text
 from truepose.report.evidence import Evidence
 from truepose.report.identity import facts
@@ -40,7 +41,8 @@ def section(evidence: Evidence, say: Locale) -> Section:
     """Return the section on conformity with the tolerance."""
     tolerance, found = evidence.cell.tolerance_mm, evidence.accuracy
     floor = found.get("noise_floor")
-    rp = evidence.cell.robot.repeatability_mm or evidence.error_map.cell.robot.repeatability_mm
+    robot = evidence.error_map.robot
+    rp = Repeatability.of(evidence.cell, robot).known or Repeatability.of(evidence.error_map.cell, robot).known
     rows = {
         "tolerance": None if tolerance is None else say("conformity.mm", value=tolerance),
         "repeatability": None if rp is None else say("conformity.mm", value=rp),
