@@ -1,7 +1,7 @@
 """Processes of jobs that are forked from one that has imported all modules, instead of importing them again.
 
-The tests of pages run hundreds of commands, and half of their time would be imports. `tests.jobs` and the tests in a
-browser run the processes that users have.
+The tests of pages run hundreds of commands, and half of their time would be imports. The tests in a browser, and
+those of the queue in the second tier, run the processes that users have.
 """
 
 from __future__ import annotations

@@ -63,14 +63,14 @@ def test_many_arrows_stay_within_the_numbers(app: Opened) -> None:
 
 
 def script_time(app: Opened) -> float:
-    """Return the least milliseconds of JavaScript in a frame while the view turns."""
+    """Return the median of the milliseconds of JavaScript in a frame while the view turns."""
     times = []
     app.page.focus(".scene-host canvas")
-    for key in ["ArrowLeft", "ArrowUp", "+", "Shift+ArrowRight"] * 2:
+    for key in ["ArrowLeft", "ArrowUp", "+", "Shift+ArrowRight"] * 5:
         app.page.keyboard.press(key)
         app.page.wait_for_timeout(30)
         times.append(settled_script(app))
-    return min(times)
+    return sorted(times)[len(times) // 2]
 
 
 def settled_script(app: Opened) -> float:

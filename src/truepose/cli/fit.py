@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -38,6 +38,13 @@ if TYPE_CHECKING:
 
 
 _EXECUTION = Execution()
+_EFFECTS: Final = {
+    "refuses": "'truepose correct' refuses",
+    "transforms": "corrections follow it",
+    "widens": "the standard deviation allows for it",
+}
+_SAID_ELSEWHERE: Final = {"weak", "constant-std", "moved", "drift", "scale", "reference"}
+"""Facts that lines of their own tell: the value of the map, and the faults of the campaign."""
 
 
 @with_groups
@@ -115,11 +122,8 @@ def _show(error_map: ErrorMap, *, parameters: bool) -> None:
     colour = "green" if error_map.arm_check.checked else "yellow"
     say(f"[{colour}]Arm and tool[/]: {escape(error_map.arm_check.words)}")
     for fact in error_map.facts:
-        if fact.effect in ("refuses", "transforms") and fact.code not in ("weak", "constant-std"):
-            effect = "'truepose correct' refuses" if fact.effect == "refuses" else "corrections follow it"
-            say(f"[yellow]Fact {fact.code}[/]: {escape(fact.words)} ({effect}).")
-        elif fact.code == "repeatability":
-            say(f"[yellow]Fact {fact.code}[/]: {escape(fact.words)}.")
+        if fact.effect in _EFFECTS and fact.code not in _SAID_ELSEWHERE:
+            say(f"[yellow]Fact {fact.code}[/]: {escape(fact.words)} ({_EFFECTS[fact.effect]}).")
     if registration.hint:
         say(f"[yellow]Note[/]: {registration.hint}.")
     if models(error_map.predictor, "payload") and error_map.samples.p_load is None:

@@ -48,7 +48,7 @@ CODES: Final = {
     "reference": Kind("widens", "reference points moved during the campaign, which was accepted or is small"),
     "suspected-drift": Kind("widens", "a drift of the readings is suspected, but too uncertain to be named"),
     "repeatability": Kind(
-        "widens", "the stated repeatability is far beyond that of the robot's data sheet: it is not used"
+        "widens", "the stated repeatability is more than three times the usual one of the robot, which is used instead"
     ),
     "one-sided": Kind("told", "all samples came from one side, so that lost motion of the joints is not known"),
     "arm-checked": Kind("told", "the arm's model agrees with the positions that the controller shows"),

@@ -31,7 +31,7 @@ class Repeatability(NamedTuple):
 
     @classmethod
     def of(cls, cell: Cell, robot: Robot) -> Repeatability:
-        """Return the repeatability that a cell states, beside the data sheet of its robot."""
+        """Return RP [mm] as a cell states it, beside RP [mm] of the data sheet of its robot's model."""
         return cls(cell.robot.repeatability_mm, robot.data_sheet.repeatability_mm if robot.data_sheet else None)
 
     @property

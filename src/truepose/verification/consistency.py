@@ -64,7 +64,8 @@ class ConsistencyTest:
         """The verdict: ``holds``, ``doubtful`` (p below 0.01) or ``does not hold`` (p below 0.001).
 
         It is ``too cautious`` where the standard deviations are at least twice too wide (`p_wide` below 0.001), and the
-        model holds otherwise. Small margins, as predicted deviations contain them, are not told.
+        model holds otherwise. Standard deviations that are less than twice too wide count as holding, because those of
+        maps contain margins.
         """
         if self.p_value < DOUBTFUL:
             return "does not hold" if self.p_value < _FAILS else "doubtful"
