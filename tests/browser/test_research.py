@@ -88,6 +88,7 @@ def test_dragged_parameters_are_held_and_the_others_fitted_again(
         assert shown_model(app, {}) == before
 
 
+@pytest.mark.exhaustive
 def test_handles_of_the_variogram_move_by_keys(browser: Browser, server: Server) -> None:
     moves = {"range": ("Range", "ArrowLeft"), "nugget": ("Nugget", "ArrowUp"), "sill": ("sill", "ArrowDown")}
     with browser.opened(server) as app:

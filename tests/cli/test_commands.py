@@ -312,6 +312,7 @@ def test_import(run, cell_files, plan_and_readings, tmp_path):
     assert [outlier["row"] for outlier in done["outliers"]] == [7]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("damage", "message"),
     [

@@ -201,7 +201,7 @@ def test_each_optional_package_has_a_use() -> None:
 
 
 @pytest.mark.parametrize("package", sorted(USES))
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 def test_one_missing_package_names_its_extra(base: dict[str, Any], package: str) -> None:
     kind, message = python(f"print(json.dumps(call({USES[package]!r})))", blocked={module(package)}, out=base["out"])
     assert kind == "MissingPackageError", message

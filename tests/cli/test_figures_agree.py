@@ -85,7 +85,7 @@ def test_correct_and_predict_give_one_deviation_for_one_target(run, cell_map, tm
     assert np.array(pairs)[:, 0].mean() == pytest.approx(held_out.mean(), rel=0.2)
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 def test_report_and_validate_give_one_accuracy(run, cell_map):
     folder, path = cell_map
     test = folder / "held_out_samples.csv"

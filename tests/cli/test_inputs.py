@@ -63,7 +63,7 @@ def inputs(folder: Path, ending: str) -> dict[str, Path]:
 
 @pytest.mark.promise("Every command answers an unreadable input with one line and exit code 1 or 2")
 @pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 def test_what_is_no_input(
     command: str, cell_files: Any, run: Callable[..., Any], tmp_path: Path, monkeypatch: Any, record_property: Any
 ) -> None:

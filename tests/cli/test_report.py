@@ -30,6 +30,7 @@ def test_report_refuses(run, cell_files, tmp_path):
     assert not out.exists()
 
 
+@pytest.mark.exhaustive
 def test_report_takes_the_records_of_a_folder(run, cell_files, near_samples, tmp_path):
     options = ("--config-dat", tmp_path / "config.dat", "--tool", "1", "--base", "0", "--out", tmp_path / "out")
     assert run("correct", cell_files.map, *near_samples[:1], *options).code == 0

@@ -68,6 +68,7 @@ def test_validate_names_gross_readings_and_judges_without_them(run, cell_files, 
     assert found["without_gross"]["after"]["n"] == 11
 
 
+@pytest.mark.exhaustive
 def test_fit_leaves_a_gross_reading_out_of_all_steps(run, cell_files, tmp_path):
     samples = cell_files.virtual.measure(cell_files.virtual.design(30, seed=3), seed=3)
     p = samples.p_meas.copy()

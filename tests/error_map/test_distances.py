@@ -174,6 +174,7 @@ def test_maps_keep_them(bench, fitted, tmp_path):
         update_map(fitted, replace(more, distances=bench.distances))
 
 
+@pytest.mark.exhaustive
 def test_a_map_that_does_not_use_them_is_read_as_it_was(bench, tmp_path):
     found = fit_cell(bench.cell, bench.full, f"{PREDICTOR}:distances=no")
     found.save(tmp_path / "map.truepose")

@@ -139,7 +139,7 @@ def another_type():
     return tp.fit_cell(virtual.cell, virtual.measure(virtual.design(30)), PREDICTOR)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("maps", "told"),
     [

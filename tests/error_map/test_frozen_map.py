@@ -87,7 +87,7 @@ MODELS = {
 
 
 @pytest.mark.parametrize("name", MODELS)
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 def test_arrays_predict_what_the_model_predicts(name):
     """At 10,000 random joints within the limits, positions to 1 µm and orientations to 1 µrad."""
     model = MODELS[name]()

@@ -48,6 +48,7 @@ def test_a_slip_is_as_the_data_sheet(virtual: VirtualCell, samples: Any, predict
         np.testing.assert_array_equal(motion_noise(found, samples), motion_noise(wanted, samples))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("share", [0.5, 1.0, 2.9])
 def test_a_credible_value_is_believed(virtual: VirtualCell, samples: Any, share: float) -> None:
     found = tp.fit_cell(stating(virtual.cell, share * USUAL_RP_MM), samples, "ordinary-kriging")

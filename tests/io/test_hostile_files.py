@@ -83,7 +83,7 @@ def one_error(read: Callable[[Path], Any], path: Path) -> str:
 
 @pytest.mark.promise("Every reader answers every broken or hostile file with one typed error on one line")
 @pytest.mark.parametrize("reader", READERS)
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(2)
 def test_content(reader, tmp_path, record_property):
     ending, read = READERS[reader]
     told: list[str] = []

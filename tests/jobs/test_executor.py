@@ -143,6 +143,7 @@ def test_the_first_refusal_is_the_same_in_all_forms(form, virtual, map_path, pro
     assert "p0.src" in refusals.pop()[1]
 
 
+@pytest.mark.exhaustive
 def test_a_program_that_was_corrected_is_refused_in_all_forms(form, virtual, map_path, programs, tmp_path):
     error_map, given = tp.load_map(map_path), sorted(programs.iterdir())[:2]
     options = {"frames": FrameTable(tools={1: virtual.tf_flange_tool}), "on_guard": "skip"}

@@ -124,6 +124,7 @@ def test_the_order_does_not_depend_on_the_clock(
     assert [job.id for job in queue.list()] == [second.id, first.id]
 
 
+@pytest.mark.exhaustive
 def test_the_list_is_filtered_and_has_no_results(queue: JobQueue, submit: Submit) -> None:
     one, other = submit(*QUICK, cell="one"), submit(*QUICK, cell="other")
     queue.wait(one.id, timeout=LONG)
@@ -220,6 +221,7 @@ def test_an_unknown_job_is_named(queue: JobQueue) -> None:
             call("nonsense")
 
 
+@pytest.mark.exhaustive
 def test_a_refusal_names_the_file_and_its_line(queue: JobQueue, submit: Submit, workspace: Path) -> None:
     (workspace / "cell.toml").write_text("# a cell\n[robot\n")
     job = queue.wait(submit("plan", "cell.toml", "--n", "5", "--out", "plan").id, timeout=LONG)

@@ -47,7 +47,7 @@ def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_a_table_is_predicted_to_the_same_bytes_in_all_forms(
     cluster, virtual, map_path, tmp_path, monkeypatch, run, ending

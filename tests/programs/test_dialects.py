@@ -296,7 +296,7 @@ ANY_FOLDER = settings(
 )
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", DIALECTS)
 @ANY_FOLDER
 @given(data=st.data(), shift=st.tuples(*[st.floats(-3, 3)] * 3).map(np.array))

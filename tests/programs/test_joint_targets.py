@@ -344,7 +344,7 @@ def test_pulses_are_whole_and_signed() -> None:
     assert (form.unit, form.step, form.count) == ("pulse", 1.0, 6)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @ALL
 @pytest.mark.parametrize("count", [3, 2100], ids=["few", "many"])
 def test_joint_targets_among_others(tmp_path: Path, maker: Maker, count: int, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -71,7 +71,7 @@ MOTIONS = {
 }
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("word", MOTIONS)
 @pytest.mark.parametrize("anchored", [True, False])
 def test_a_stale_turn_changes_nothing_along_paths(

@@ -40,6 +40,7 @@ def files(tmp_path_factory):
     return folder
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("campaign", ["little", "much"])
 def test_import_names_a_wrong_tool(run, files, tmp_path, campaign):
     plan, out = files / f"{campaign}-plan.csv", tmp_path / "out.csv"

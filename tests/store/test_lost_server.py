@@ -157,6 +157,7 @@ def test_a_program_corrected_in_place_is_taken_in_later(run, lose, server, addre
     assert rows(address) == (1, 1)
 
 
+@pytest.mark.exhaustive
 def test_the_application_says_that_the_store_is_lost_and_works_again(server, address, tmp_path, quick_hashes) -> None:
     from truepose.web import Workspace
     from truepose.web.team.team import Team

@@ -67,6 +67,7 @@ CORRECT = ("--on-guard", "skip", "--accept-weak-map", "--force")
 VERIFY = ("--tolerance", "0.5", "--uncertainty", "0.01")
 
 
+@pytest.mark.exhaustive
 def test_two_engineers_and_a_quality_manager(enter, tokens, files, tmp_path):
     march, out = files / "march.truepose", tmp_path / "corrected"
     assert (

@@ -302,7 +302,7 @@ def test_what_the_import_would_refuse_is_said_with_its_remedy(running: Bench) ->
     assert "--missing" in job.problem["detail"]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("encoding", "ends"), [("utf-8", b"\r\n"), ("utf-8-sig", b"\n"), ("utf-16", b"\r\n")])
 def test_encodings_and_line_ends_make_no_difference(bench: Bench, encoding: str, ends: bytes) -> None:
     text = bench.readings.read_text("utf-8").replace("\n", ends.decode())
@@ -423,6 +423,7 @@ def test_statements_that_make_no_sense_are_refused(bench: Bench, options: str) -
     assert bench.left() == before
 
 
+@pytest.mark.exhaustive
 def test_a_plan_may_come_with_the_readings(running: Bench) -> None:
     plan = (running.folder / "plans" / "plan.csv").read_bytes()
     (running.folder / "plans" / "plan.csv").unlink()

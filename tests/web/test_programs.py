@@ -135,6 +135,7 @@ def test_a_correction_is_that_of_the_command_and_never_replaces_one(
     assert detail["files"][0]["found"]
 
 
+@pytest.mark.exhaustive
 def test_a_preview_writes_nothing(client: TestClient, root: Path, virtual: VirtualCell) -> None:
     job = correct(client, sent(client, "panel.src", krl(virtual, 20)), dry_run=True)
     assert job["state"] == "done", job["problem"]

@@ -15,6 +15,7 @@ def ids(workspace: Workspace, kind: Any) -> list[str]:
     return [file.id for file in workspace.cells()[0].files(kind)]
 
 
+@pytest.mark.exhaustive
 def test_a_report_holds_what_was_chosen(client: TestClient, cell: str, workspace: Workspace) -> None:
     order = {"map": ids(workspace, "map")[0], "language": "de", "records": ids(workspace, "record")}
     job = ended(client, client.post(f"{cell}/reports", json=order))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import inspect
 import json
 import re
@@ -60,6 +61,7 @@ def of_file(path: Path) -> Iterator[str]:
                 yield from templates(node.value.elts[1])
 
 
+@functools.cache
 def of_jobs() -> set[Path]:
     """Return the files of the commands that can be jobs, and of what all of them use."""
     group: Any = typer.main.get_command(app)

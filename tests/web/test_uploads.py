@@ -173,7 +173,7 @@ REFUSED: dict[str, tuple[Callable[[], bytes], str]] = {
 }
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("which", REFUSED)
 def test_a_zip_that_is_no_backup_is_refused_and_not_kept(client: TestClient, cell: str, root: Path, which: str) -> None:
     make, words = REFUSED[which]

@@ -61,6 +61,7 @@ def test_a_failed_tolerance_is_a_result_and_no_failure_of_the_job(
     assert entry["failed"] > 0
 
 
+@pytest.mark.exhaustive
 def test_readings_of_before_replace_the_predicted_errors(client: TestClient, cell: str, workspace: Workspace) -> None:
     folder = workspace.cells()[0].folder
     (program,) = client.get(f"{cell}/verifiable").json()
@@ -83,6 +84,7 @@ def test_verifying_twice_keeps_both_results(client: TestClient, cell: str) -> No
         client.delete(f"/api/v1/jobs/{job['id']}")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     "name",
     [

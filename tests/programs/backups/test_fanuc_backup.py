@@ -178,6 +178,7 @@ def test_without_a_statement_about_the_positioner_coordinated_programs_are_refus
     assert found["WELD01"].counts()["refuse"] == 0
 
 
+@pytest.mark.exhaustive
 def test_a_zip_with_the_texts_in_a_zip_of_its_own(backup: Path, tmp_path: Path) -> None:
     inner, outer = tmp_path / "ENGLISH.ZIP", tmp_path / "all.zip"
     with zipfile.ZipFile(inner, "w") as texts, zipfile.ZipFile(outer, "w") as whole:

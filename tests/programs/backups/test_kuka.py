@@ -287,6 +287,7 @@ def test_an_older_controller_in_lower_case_gives_the_same_targets(tmp_path: Path
     assert "may move with the external axis E1" in stored.bases[17].problem
 
 
+@pytest.mark.exhaustive
 def test_two_robots_have_their_own_programs_frames_and_places(tmp_path: Path, program: Program) -> None:
     folder = lay(tmp_path, corpus.two_robots())
     files = listing(folder)

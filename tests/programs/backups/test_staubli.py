@@ -166,7 +166,7 @@ def test_points_in_structures_and_elements_that_are_not_written(programs: dict[s
 ADDED = b"movel(pSeen,geo:tGripA,mSlow)"
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("code", "name", "reason"),
     [
