@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks import trust, trust_cells
+from benchmarks import trust, trust_cells, trust_faults
 
 TESTS = """
 import pytest
@@ -56,6 +56,14 @@ def test_the_fate_of_targets():
     assert row.cells()[0].endswith(" %")
 
 
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize("fault", trust_faults.FAULTS)
+def test_the_fate_of_targets_under_a_fault(fault):
+    """No fault makes targets worse by more than twice the repeatability."""
+    (fate,) = trust_faults.fates_of_fault(fault, 100, predictors=("kinematic-kriging",))
+    assert fate.worse <= 0.01 * fate.corrected
+
+
 def test_a_run_is_resumed(tmp_path, monkeypatch):
     calls = []
 
@@ -81,10 +89,9 @@ def test_a_run_is_resumed(tmp_path, monkeypatch):
             return done
 
     monkeypatch.setattr(trust, "gettempdir", lambda: str(tmp_path))
-    monkeypatch.setattr(trust, "fates", fates)
     monkeypatch.setattr(trust, "ProcessPoolExecutor", Here)
-    first = trust._of_kind("paper", range(2), ("idw",))
-    again = trust._of_kind("paper", range(3), ("idw",))
+    first = trust._of_kind(fates, "paper", range(2), ("idw",))
+    again = trust._of_kind(fates, "paper", range(3), ("idw",))
     assert calls == [0, 1, 2]
     assert [fate.worse for fate in again] == [0, 1, 2]
     assert [fate.worse for fate in first] == [0, 1]
