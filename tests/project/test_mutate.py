@@ -153,7 +153,7 @@ def test_a_tiny_package(tmp_path: Path) -> None:
     (tmp_path / "src" / "tiny" / "__init__.py").touch()
     (tmp_path / "src" / "tiny" / "guard.py").write_text(GUARD, "utf-8")
     (tmp_path / "tests").mkdir()
-    (tmp_path / "tests" / "test_guard.py").write_text(TESTS, "utf-8")
+    (tmp_path / "tests" / "test_tiny.py").write_text(TESTS, "utf-8")
     (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = exhaustive", "utf-8")
     (tmp_path / "mutants.toml").write_text(SETTINGS, "utf-8")
 
@@ -164,7 +164,8 @@ def test_a_tiny_package(tmp_path: Path) -> None:
         return done.stdout
 
     assert "1 failed, 4 passed" in tool("record", "-j", "1", "tests")
-    reached = json.loads((tmp_path / "build" / "mutants" / "reached.json").read_text("utf-8"))
+    record = tmp_path / "build" / "mutants" / "reached.json"
+    reached = json.loads(record.read_text("utf-8"))
     both = ["guard.py:check", "guard.py:refused"]
     assert {name.partition("::")[2]: row["functions"] for name, row in reached["tests"].items()} == {
         "test_a_limit": both,
@@ -174,6 +175,10 @@ def test_a_tiny_package(tmp_path: Path) -> None:
         "test_that_fails": ["guard.py:check"],
     }
     assert [row["functions"] for row in reached["fixtures"].values()] == [["guard.py:refused"]]
+
+    example = {**reached["tests"]["tests/test_tiny.py::test_a_limit"], "seconds": 0.0}
+    reached["tests"]["src/tiny/guard.py::tiny.guard.check"] = example  # runs the source without a change
+    record.write_text(json.dumps(reached), "utf-8")
 
     shown = tool("run", "--number", "99", "-j", "2")
     results = json.loads((tmp_path / "build" / "mutants" / "results.json").read_text("utf-8"))
