@@ -50,7 +50,10 @@ def test_the_model_of_this_test_is_the_librarys(maker: Maker) -> None:
 def test_written_joints_bring_the_tool_to_the_target(tmp_path: Path, maker: Maker) -> None:
     """The arm with its errors, at the joints that were written, stands where the nominal arm was told to stand."""
     path = maker.file(tmp_path, texts(maker.some(25, 2)))
-    corrected, told = correct(path, maker), maker.read(path.read_bytes())
+    steps: list[tuple[int, int]] = []
+    corrected = correct(path, maker, progress=lambda *now: steps.append(now))
+    assert steps == [(25, 25)]
+    told = maker.read(path.read_bytes())
     written, errors = maker.read(after(corrected)), Sagging(maker.robot)
     assert len(written) == len(told) == 25
     assert (written != told).any(axis=1).all()

@@ -95,13 +95,14 @@ def test_a_long_program_is_read_in_runs(tmp_path: Path, ending: str, branch: str
     assert program.counts() == {"correct": 10_000, "skip": 0, "refuse": 0}
 
 
-@pytest.mark.exhaustive
-def test_a_long_program_is_corrected_like_a_short_one(tmp_path: Path, make_map: Any) -> None:
-    path, _ = long_program(tmp_path, 9_000, "\r\n")
-    shift = np.random.default_rng(2).uniform(-1, 1, (9_000, 3))
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize(("n", "steps"), [(60, [60]), (9_000, [2048, 4096, 6144, 8192, 9000])])
+def test_a_long_program_is_corrected_like_a_short_one(tmp_path: Path, make_map: Any, n: int, steps: list[int]) -> None:
+    path, _ = long_program(tmp_path, n, "\r\n")
+    shift = np.random.default_rng(2).uniform(-1, 1, (n, 3))
     told_: list[tuple[int, int]] = []
     corrected = correct_program(path, make_map(shift), frames=FRAMES, progress=lambda *now: told_.append(now))
-    assert told_ == [(2048, 9000), (4096, 9000), (6144, 9000), (8192, 9000), (9000, 9000)]
+    assert told_ == [(done, n) for done in steps]
     lines = zip(path.read_text().splitlines()[3:-1], corrected.files[path].decode().splitlines()[3:-1], strict=True)
     for k, (before, after) in enumerate(lines):
         old, new = ([float(w.split()[1]) for w in text[5:].split("}")[0].split(",")] for text in (before, after))

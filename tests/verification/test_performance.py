@@ -185,6 +185,14 @@ def test_a_complete_measurement_lacks_little() -> None:
     assert found.AT_mm == pytest.approx(0.0, abs=0.03)
 
 
+@pytest.mark.parametrize(("cycles", "few"), [(29, True), (30, False)])
+def test_thirty_cycles_are_enough(cycles: int, few: bool) -> None:
+    names, p_cmd = cube(cycles)
+    p = p_cmd + np.random.default_rng(4).normal(scale=0.02, size=p_cmd.shape)
+    missing = performance_figures(attained(names, p, p_cmd)).missing
+    assert any("fewer than 30 cycles" in one for one in missing) == few
+
+
 def test_what_is_missing_is_said_with_the_standards_number() -> None:
     names, p_cmd = cube(3)
     found = performance_figures(attained(names[:-5], p_cmd[:-5] + np.linspace(0, 0.1, 10)[:, None], p_cmd[:-5]))
