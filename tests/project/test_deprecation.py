@@ -146,7 +146,8 @@ def _removals() -> list[tuple[str, str]]:
     """Return each stated version of a removal in the sources, with its file."""
     found = []
     for path in SOURCES.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        text = path.read_text("utf-8")
+        for node in ast.walk(ast.parse(text if "removed_in" in text else "")):
             if isinstance(node, ast.Call):
                 stated = [k.value for k in node.keywords if k.arg == "removed_in"]
                 found += [(path.name, one.value) for one in stated if isinstance(one, ast.Constant)]
