@@ -130,9 +130,9 @@ def test_positions_shared_with_each_entry_are_counted(seed: int) -> None:
     rng = np.random.default_rng(seed)
     listed, owner = rng.integers(0, 50, 300).astype(np.uint64), rng.integers(0, 7, 300)
     order = np.argsort(listed, kind="stable")
-    entries = tuple(history._Entry("", "", str(i)) for i in range(8))
+    entries = tuple(history.Entry("", "", str(i)) for i in range(8))
     own = np.unique(rng.integers(0, 70, 20).astype(np.uint64))
-    found = history._List(entries, listed[order], owner[order]).shared(own)
+    found = history.KnownCorrections(entries, listed[order], owner[order]).shared(own)
     assert found.tolist() == np.bincount(owner[np.isin(listed, own)], minlength=8).tolist()
 
 

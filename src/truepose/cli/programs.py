@@ -337,10 +337,11 @@ def correct(
         with _others_named(len(found.programs) + len(found.unreadable)):
             if found.unreadable and not keep_going:
                 raise unread(found.unreadable)
-            again = {} if record is None else record.corrected_already(found.programs)
+            earlier = None if record is None else record.corrected_already(found.programs)
+            again = {} if earlier is None else earlier.refused
             if again and not keep_going:
                 raise RefusedError(next(iter(again.values())))
-            originals = [program for program in found.programs if program.path not in again]
+            originals = [program for program in found.programs if program not in again]
             if executor is None and worth_processes(originals):
                 executor = stack.enter_context(execution.executor("correction"))
             corrected, refused = correct_read(
@@ -361,7 +362,14 @@ def correct(
         if row is not None:
             beside = map_path if map_path.is_file() else None  # the list of corrected programs lies beside a file
             corrected = [replace(one, map_state=row["state"], map_path=beside) for one in corrected]
-        before = {**{error.path: str(error) for error in found.unreadable}, **again}
+        if earlier is not None:
+            told = earlier.warnings
+            corrected = [
+                replace(one, warnings=(*one.warnings, told[one.program])) if one.program in told else one
+                for one in corrected
+            ]
+        before = {error.path: str(error) for error in found.unreadable}
+        before |= {program.path: reason for program, reason in again.items()}
         batch = CorrectedBatch(tuple(corrected), (*starmap(RefusedProgram, before.items()), *refused))
         progress("Writing")
         check_names(corrected, in_place=in_place)

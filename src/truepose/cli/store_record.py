@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from truepose.samples import Samples
     from truepose.store.access import Identity
     from truepose.store.change import Change
+    from truepose.store.corrected import EarlierPrograms
     from truepose.store.roles import Action
     from truepose.store.store import Store
 
@@ -143,15 +144,13 @@ class Recorder:
         check_usable(found, released_only=released_only)
         return found
 
-    def corrected_already(self, programs: Sequence[Program]) -> dict[Path, str]:
-        """Return the programs with a file that is the output of a correction of the store, by path, with the reason."""
+    def corrected_already(self, programs: Sequence[Program]) -> EarlierPrograms:
+        """Return the programs that hold what a correction of the store wrote."""
         from truepose.store.access import viewing
-        from truepose.store.corrected import earlier_corrections
+        from truepose.store.corrected import earlier_programs
 
-        sources = [(program.path, source) for program in programs for source in program.sources]
         with viewing(self.store, self.by) as connection:
-            known = earlier_corrections(connection, [source.sha256 for _, source in sources])
-        return {path: known[one.sha256].reason(str(one.path)) for path, one in sources if one.sha256 in known}
+            return earlier_programs(connection, programs)
 
     def load_map(self, named: Path) -> tuple[ErrorMap, dict[str, Any]]:
         """Return a map that a file holds, or that the store has under a name or hash, with its row."""

@@ -32,6 +32,7 @@ class StoreKeeper:
     record: Recorder
     row: Mapping[str, Any]
     released_only: bool = False
+    _warnings: tuple[str, ...] = ()
 
     def check(self) -> None:
         """Read the state of the map again, and refuse one that must not be used any more."""
@@ -47,13 +48,15 @@ class StoreKeeper:
             return is_corrected(connection, self.row["id"], hashes)
 
     def allow(self, program: Program) -> None:
-        """Refuse a program that is the output of a correction of the store."""
-        if again := self.record.corrected_already([program]):
-            raise RefusedError(next(iter(again.values())))
+        """Refuse a program that a correction of the store made; keep the warning of single targets for its record."""
+        again = self.record.corrected_already([program])
+        if program in again.refused:
+            raise RefusedError(again.refused[program])
+        self._warnings = tuple(again.warnings.values())
 
     def marked(self, corrected: CorrectedProgram) -> CorrectedProgram:
-        """Return the corrected program with the state of the map in its record."""
-        return replace(corrected, map_state=self.row["state"])
+        """Return the corrected program with the state of the map, and what the store knows of it, in its record."""
+        return replace(corrected, map_state=self.row["state"], warnings=(*corrected.warnings, *self._warnings))
 
     def keep(self, corrected: CorrectedProgram, written: Sequence[Path]) -> None:
         """Record the correction."""

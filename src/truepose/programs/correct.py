@@ -170,7 +170,7 @@ def correct_program(
     program = _read(path, cell or known.cell, frames, options, orientation)
     warnings = _check_robot(error_map, program, cell, other_maker, other_robot, accept)
     if proven:
-        check_not_corrected(program, known.path)
+        warnings = [*check_not_corrected(program, known.path), *warnings]
     resolution = max(resolution, program.finest)
     own = _reasons(program, "refuse") if on_guard == "refuse" else {}
     several = keep_going and len({source.path.with_suffix("") for source in program.sources}) > 1

@@ -139,14 +139,7 @@ class CorrectedProgram:
             "schema": SCHEMA,
             "written_by": f"truepose {version()}",
             "program": str(self.program.path),
-            "files": [
-                {
-                    "file": str(source.path),
-                    "sha256_before": source.sha256,
-                    "sha256_after": self.hashes[source.path],
-                }
-                for source in self.program.sources
-            ],
+            "files": [self._file(source) for source in self.program.sources],
             "map_sha256": self.map_hash,
             **({} if self.map_state is None else {"map_state": self.map_state}),
             "on_guard": self.on_guard,
@@ -158,6 +151,15 @@ class CorrectedProgram:
             "warnings": list(self.warnings),
             "refused": {str(path): reason for path, reason in self.refused.items()},
         }
+
+    def _file(self, source: Source) -> dict[str, str]:
+        """Return a file of the record: its name, its hashes, and those of positions by which a copy is recognised."""
+        before, after = source.sha256, self.hashes[source.path]
+        found = {"file": str(source.path), "sha256_before": before, "sha256_after": after}
+        if before == after:
+            return found
+        kept = history.written_positions(self.targets, source.path, history.RECORDED)
+        return {**found, "positions": history.to_text(kept)}
 
     def write_records(self, json_file: BinaryIO, csv_file: BinaryIO) -> None:
         """Write both records, some thousand targets at a time; the JSON has one line per target."""
