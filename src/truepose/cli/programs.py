@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import starmap
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -322,7 +322,7 @@ def correct(
     _allow_files(report, targets, force)
     policy: Policy | None = None if on_guard is None else on_guard.value
     with ExitStack() as stack:
-        record = stack.enter_context(recorder(store, "correct"))
+        record = stack.enter_context(recorder(store, "correct", _folders(paths) if in_place else [out]))
         progress = stack.enter_context(working("Reading the map", quiet=as_json))
         error_map, row = map_to_use(record, map_path, released_only=released_only)
         cell = reading.cell()
@@ -377,10 +377,12 @@ def correct(
         if corrected and not dry_run:
             if record is not None and row is not None:
                 record.check_map(row, released_only=released_only)
-            how = {"force": force, "workbook": xlsx}
+            note = None if record is None else record.prepare(corrected)
+            how: Any = {"force": force, "workbook": xlsx, "note": note}
             written = batch.write_in_place(**how) if in_place else batch.write(out, whole=whole, **how)
-            if record is not None:
+            if record is not None and note is not None:
                 record_corrections(record, corrected, written)
+                note.remove()
         refusals = [one.reason for one in batch.refused]
         _write_report(Coverage.of_outcomes([one.targets for one in corrected], refusals), report)
         if targets is not None:
@@ -394,6 +396,11 @@ def correct(
         _show_batch(batch, written, "" if in_place else f" into {out}", dry_run=dry_run)
     if batch.refused:
         raise RefusedError(_refusals(batch))
+
+
+def _folders(paths: Sequence[Path]) -> list[Path]:
+    """Return the folders of the programs of a command."""
+    return list(dict.fromkeys(path if path.is_dir() else path.parent for path in paths))
 
 
 def _allow_files(report: Path | None, targets: Path | None, force: bool) -> None:

@@ -2,7 +2,8 @@
 
 The log-in and the right are checked before any work, and again before files are written, so a command that may not
 record or has lost the store writes nothing. The files are written first. If the store is lost after that, they stay,
-and the command fails with a message that names how to record them later.
+and the command fails with a message that names how to record them later. Corrected programs are written with a note, by
+which the next run records them (`truepose.store.unrecorded`).
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from truepose.store.corrected import EarlierPrograms
     from truepose.store.roles import Action
     from truepose.store.store import Store
+    from truepose.store.unrecorded import RowsNote
 
 RecordIn = Annotated[
     str | None,
@@ -144,6 +146,12 @@ class Recorder:
         check_usable(found, released_only=released_only)
         return found
 
+    def prepare(self, corrected: Sequence[CorrectedProgram]) -> RowsNote:
+        """Store what is needed for the rows of corrections; return the note to write with their files."""
+        from truepose.store.unrecorded import prepare
+
+        return prepare(self.store, self.by, corrected)
+
     def corrected_already(self, programs: Sequence[Program]) -> EarlierPrograms:
         """Return the programs that hold what a correction of the store wrote."""
         from truepose.store.access import viewing
@@ -196,14 +204,20 @@ def map_to_use(
 
 
 @contextmanager
-def recorder(address: str | None, action: Action) -> Iterator[Recorder | None]:
-    """Open the store of a command, and check that its user may record; None without a store."""
+def recorder(address: str | None, action: Action, folders: Sequence[Path] = ()) -> Iterator[Recorder | None]:
+    """Open the store of a command, and check that its user may record; None without a store.
+
+    The rows of runs that were interrupted are written: those of some folders, and of the user's other runs.
+    """
     if address is None:
         yield None
         return
     with opened(address) as store:
+        from truepose.store.unrecorded import settle
+
         made = Recorder(store, identify(store), address, action)
         made.check()
+        settle(store, made.by, folders)
         yield made
 
 

@@ -64,7 +64,7 @@ def import_folder(
 ) -> None:
     """Take in cells, samples, maps, corrections and verifications; what the store has already is not added again."""
     with (
-        logged_in(store, user, password_stdin) as (found, by),
+        logged_in(store, user, password_stdin, below=folder) as (found, by),
         working("Reading the folder", quiet=as_json) as progress,
     ):
         from truepose.store.importing import import_folder as take

@@ -75,7 +75,7 @@ def watch(
         "accept": accept or (),
     }
     with ExitStack() as stack:
-        record = stack.enter_context(recorder(store, "correct"))
+        record = stack.enter_context(recorder(store, "correct", [out_dir]))
         error_map, row = map_to_use(record, map_path, released_only=released_only)
         keeper = None if record is None or row is None else StoreKeeper(record, row, released_only)
         frames = reading.frames(cell or error_map.cell)

@@ -16,7 +16,7 @@ from truepose.programs.agreement import controllers_for
 from truepose.programs.core.outcomes import CorrectedShare
 from truepose.programs.core.program import Program, ReadOptions
 from truepose.programs.correct import correct_program
-from truepose.programs.corrected import CorrectedProgram, names, write, write_in_place
+from truepose.programs.corrected import CorrectedProgram, Note, names, write, write_in_place
 from truepose.programs.corrector import CorrectionContext, Corrector
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.leftovers import clear_leftovers
@@ -94,7 +94,13 @@ class CorrectedBatch:
         }
 
     def write(
-        self, out_dir: str | Path, *, force: bool = False, workbook: bool = False, whole: bool = False
+        self,
+        out_dir: str | Path,
+        *,
+        force: bool = False,
+        workbook: bool = False,
+        whole: bool = False,
+        note: Note | None = None,
     ) -> list[Path]:
         """Write the corrected programs, all or none; see `CorrectedProgram.write`.
 
@@ -106,13 +112,13 @@ class CorrectedBatch:
         """
         if whole and not any(one.program.controller for one in self.corrected):
             raise DataError("whole has an effect only on the backup of a controller, and none was given")
-        written = write(self.corrected, Path(out_dir), force=force, workbook=workbook, whole=whole)
+        written = write(self.corrected, Path(out_dir), force=force, workbook=workbook, whole=whole, note=note)
         clear_leftovers(Path(out_dir), written, force=force)
         return written
 
-    def write_in_place(self, *, force: bool = False, workbook: bool = False) -> list[Path]:
+    def write_in_place(self, *, force: bool = False, workbook: bool = False, note: Note | None = None) -> list[Path]:
         """Write over the corrected programs, all or none; see `CorrectedProgram.write_in_place`."""
-        return write_in_place(self.corrected, force=force, workbook=workbook)
+        return write_in_place(self.corrected, force=force, workbook=workbook, note=note)
 
 
 def correct_programs(

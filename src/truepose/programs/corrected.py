@@ -5,19 +5,20 @@ from __future__ import annotations
 import csv
 import io
 import json
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any, BinaryIO, Final, NamedTuple
+from typing import Any, BinaryIO, Final, NamedTuple, Protocol
 
 from truepose._io import files
 from truepose._io.workbook import to_workbook
 from truepose._io.zips import is_zip, on_disk
 from truepose._version import version
 from truepose.compensation import LimitsInForce, Policy
-from truepose.errors import FileError
+from truepose.errors import FileError, RecoveryWarning
 from truepose.programs import history
 from truepose.programs.core.outcomes import CorrectedShare, Outcomes
 from truepose.programs.core.paths import Continuity
@@ -29,6 +30,8 @@ from truepose.programs.whole import Change, CorrectedFiles
 
 ORIGINAL: Final = ".original"
 """The ending that the kept original of a program corrected in place gets."""
+NOTES: Final = ".truepose-*.rows"
+"""The pattern of the notes of corrections whose rows a store does not have yet; see `truepose.store.unrecorded`."""
 
 
 class RenderedParts(NamedTuple):
@@ -45,6 +48,13 @@ class RenderedParts(NamedTuple):
     files: Mapping[Path, Callable[[], Iterable[bytes]]]
     json_rows: Callable[[], Iterable[bytes]]
     csv_rows: Callable[[], Iterable[bytes]]
+
+
+class Note(Protocol):
+    """A file that is written together with corrected programs, so that a store gets their rows whatever happens."""
+
+    def write(self, commit: files.Commit, folder: Path, records: Sequence[Path]) -> None:
+        """Write it in a folder as a part of a commit; `records` are the paths of the records."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -256,8 +266,10 @@ def _write_records(commit: files.Commit, one: CorrectedProgram, paths: Sequence[
             file.write(to_workbook(csv.reader(io.StringIO(one.to_csv()))))
 
 
-def write_in_place(corrected: Sequence[CorrectedProgram], *, force: bool = False, workbook: bool = False) -> list[Path]:
-    """Write over programs, all or none; see `CorrectedProgram.write_in_place`."""
+def write_in_place(
+    corrected: Sequence[CorrectedProgram], *, force: bool = False, workbook: bool = False, note: Note | None = None
+) -> list[Path]:
+    """Write over programs, all or none; see `CorrectedProgram.write_in_place`. A note lies beside the first record."""
     for source in (source for one in corrected for source in one.program.sources):
         if on_disk(source.path) != source.path:
             raise FileError(source.path, "lies in a .zip, which is never written over; give --out, with --whole a .zip")
@@ -276,7 +288,10 @@ def write_in_place(corrected: Sequence[CorrectedProgram], *, force: bool = False
     files.check_outputs(*chain.from_iterable(records), force=force, inputs=[source.path for source in changed])
     history.remember(corrected)
     # copies and records first: a program that is corrected is never without them
+    json_paths = [paths[0] for paths in records]
     with files.Commit() as commit:
+        if note is not None and json_paths:
+            note.write(commit, json_paths[0].parent, json_paths)
         for backup, source in zip(backups, changed, strict=True):
             with commit.open(backup, like=source.path) as file:
                 file.writelines(source.stored([source.data]))
@@ -286,6 +301,8 @@ def write_in_place(corrected: Sequence[CorrectedProgram], *, force: bool = False
             for source in (s for s in one.program.sources if one.hashes[s.path] != s.sha256):
                 with commit.open(source.path, expected=source.sha256) as file:
                     file.writelines(one.content(source))
+    if note is None:
+        _tell_unrecorded({path.parent for path in json_paths})
     return [*(source.path for source in changed), *chain.from_iterable(records), *backups]
 
 
@@ -300,6 +317,7 @@ def write(
     force: bool = False,
     workbook: bool = False,
     whole: bool = False,
+    note: Note | None = None,
 ) -> list[Path]:
     """Write the files of programs and their records, all or none; see `CorrectedProgram.write`.
 
@@ -319,6 +337,8 @@ def write(
     files.check_outputs(*written, force=force, inputs=[*sources, *(p for b in backups for p in b.copies.values())])
     history.remember(corrected)
     with files.Commit() as commit:
+        if note is not None and corrected:
+            note.write(commit, out_dir, [paths[0] for paths in records])
         for one, some, goals, record in zip(corrected, kept, programs, records, strict=True):
             for source, goal in zip(some, goals, strict=True):
                 with commit.open(goal, like=on_disk(source.path)) as file:
@@ -329,7 +349,20 @@ def write(
     for backup in backups:
         backup.keep_times()
     remember_written(out_dir, written)
+    if note is None:
+        _tell_unrecorded([out_dir])
     return written
+
+
+def _tell_unrecorded(folders: Iterable[Path]) -> None:
+    """Warn of corrections in some folders that a store does not have, because a run was killed before."""
+    for path in (path for folder in folders for path in folder.glob(NOTES)):
+        try:
+            address = json.loads(path.read_text(encoding="utf-8"))["address"]
+        except (OSError, ValueError, KeyError, TypeError):
+            address = "that they were for"
+        what = f"corrections of an interrupted run have no row in the store {address}"
+        warnings.warn(f"{path.parent}: {what}; the next run with it (--store) records them", RecoveryWarning, 3)
 
 
 def _is_written(one: CorrectedProgram, source: Source, whole: bool) -> bool:

@@ -117,13 +117,12 @@ class ProgramPositions:
         counts = known.shared(self.all)
         if not counts.any():
             return None
-        same, where = counts >= _enough(len(self.all)), self.program.path
-        if not same.any():  # a small module of a large project
-            for path, own in self.files.items():
-                if (here := known.shared(own) >= _enough(len(own))).any():
-                    same, where = here, path
-                    break
+        same = counts >= _enough(len(self.all))
+        for own in self.files.values() if not same.any() else ():  # a small module of a large project
+            same |= known.shared(own) >= _enough(len(own))
         number = int(np.flatnonzero(same)[0]) if same.any() else int(np.argmax(counts))
+        its = known.positions[known.owner == number]
+        where = max(self.files, key=lambda path: np.isin(self.files[path], its).sum())
         return Match(number, known.entries[number], where, int(counts[number]), bool(same.any()))
 
     def names(self, known: KnownCorrections) -> str:
