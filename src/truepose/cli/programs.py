@@ -326,6 +326,8 @@ def correct(
         progress = stack.enter_context(working("Reading the map", quiet=as_json))
         error_map, row = map_to_use(record, map_path, released_only=released_only)
         cell = reading.cell()
+        if record is not None and row is not None:
+            record.check_robot(row, reading.cell_path, cell, other_robot)
         frames = reading.frames(cell or error_map.cell)
         progress("Reading the programs")
         # correct all before writing any, so that a refusal leaves no program half done

@@ -22,6 +22,7 @@ from truepose.cli.store_login import identify
 from truepose.errors import DataError, FileError, RefusedError, StoreError, TrueposeError
 
 if TYPE_CHECKING:
+    from truepose.cell import Cell
     from truepose.error_map import ErrorMap
     from truepose.programs import CorrectedProgram, ProgramVerification
     from truepose.programs.core.program import Program
@@ -145,6 +146,21 @@ class Recorder:
             found = find_map(connection, row["sha256"])
         check_usable(found, released_only=released_only)
         return found
+
+    def check_robot(self, row: Mapping[str, Any], path: Path | None, cell: Cell | None, reason: str) -> None:
+        """Refuse a cell that the store, or its id, knows as of another robot than a map, unless a reason is given."""
+        import hashlib
+
+        from truepose.store.access import viewing
+        from truepose.store.robots import other_robot
+
+        if cell is None or reason:
+            return
+        sha = None if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
+        with viewing(self.store, self.by) as connection:
+            if (other := other_robot(connection, row["id"], cell.robot_id, sha)) is not None:
+                remedy = "take the map of this robot, or accept it with --other-robot REASON"
+                raise RefusedError(f"{other}: each robot has errors of its own; {remedy}")
 
     def prepare(self, corrected: Sequence[CorrectedProgram]) -> RowsNote:
         """Store what is needed for the rows of corrections; return the note to write with their files."""

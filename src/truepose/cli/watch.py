@@ -77,6 +77,8 @@ def watch(
     with ExitStack() as stack:
         record = stack.enter_context(recorder(store, "correct", [out_dir]))
         error_map, row = map_to_use(record, map_path, released_only=released_only)
+        if record is not None and row is not None:
+            record.check_robot(row, reading.cell_path, cell, other_robot)
         keeper = None if record is None or row is None else StoreKeeper(record, row, released_only)
         frames = reading.frames(cell or error_map.cell)
         options = reading.options(orientation=orientation)

@@ -65,7 +65,7 @@ def check_identity(own: Cell, cell: Cell, reason: str = "") -> list[str]:
             return []
         where = "the map was fitted without one" if mine is None else "the cell file states none"
         return [f"it is not known whether this is the robot of the map: [robot] id is {mine or theirs!r}, but {where}"]
-    if mine.strip().casefold() == theirs.strip().casefold():
+    if same_robot(mine, theirs):
         return []
     what = f"the map is of the robot {mine!r}, the cell file of {theirs!r}"
     if reason:
@@ -74,6 +74,17 @@ def check_identity(own: Cell, cell: Cell, reason: str = "") -> list[str]:
         f"{what}: each robot has errors of its own, so the map of one makes programs of another worse; take the map of "
         "this robot, or accept it with --other-robot REASON (Python: other_robot=REASON)"
     )
+
+
+def same_robot(mine: str | None, theirs: str | None) -> bool:
+    """Return whether two ids name the same robot; letters in another case do not count.
+
+    Examples
+    --------
+    >>> same_robot("A-17", " a-17"), same_robot("A-17", None)
+    (True, False)
+    """
+    return mine is not None and theirs is not None and mine.strip().casefold() == theirs.strip().casefold()
 
 
 def check_library(own: Cell, robot: Robot, *, placed: bool = False) -> list[str]:

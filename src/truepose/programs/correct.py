@@ -256,7 +256,14 @@ def correct_program(
         tuple(warnings),
         known.path,
         refused_files,
+        robot=_robot(known.cell, cell, other_robot),
     )
+
+
+def _robot(own: Cell | None, cell: Cell | None, reason: str) -> dict[str, str]:
+    """Return what the record says of the robot; see `CorrectedProgram.robot`."""
+    ids = {"map": own and own.robot_id, "cell": cell and cell.robot_id, "other_robot": reason}
+    return {name: text for name, text in ids.items() if text}
 
 
 def _leave_unsafe(outcomes: Outcomes, unsafe: dict[int, str], on_guard: Policy, modules: RefusedModules | None) -> None:

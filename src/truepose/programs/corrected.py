@@ -88,6 +88,9 @@ class CorrectedProgram:
     map_state : str, optional
         The state of the map in a store at the time of the correction: ``draft``, ``released`` or ``superseded``; None
         without a store.
+    robot : dict of str to str
+        What is known of the robot: the id of the ``map``'s, that of the ``cell``'s in which it corrects, and the reason
+        why the map of another one is used (``other_robot``).
     rendered : RenderedParts, optional
         The corrected files and the rows of the records, if a worker has written them already.
     """
@@ -104,6 +107,7 @@ class CorrectedProgram:
     map_path: Path | None = None
     refused: Mapping[Path, str] = field(default_factory=dict)
     map_state: str | None = None
+    robot: Mapping[str, str] = field(default_factory=dict)
     rendered: RenderedParts | None = None
 
     def __repr__(self) -> str:
@@ -152,6 +156,7 @@ class CorrectedProgram:
             "files": [self._file(source) for source in self.program.sources],
             "map_sha256": self.map_hash,
             **({} if self.map_state is None else {"map_state": self.map_state}),
+            **({"robot": dict(self.robot)} if self.robot else {}),
             "on_guard": self.on_guard,
             "limits": self.limits.to_dict(),
             "resolution_mm": self.resolution,

@@ -26,7 +26,8 @@ from truepose.store import records, schema
 from truepose.store.change import Change
 from truepose.store.corrected import add_positions, check_original, targets_of
 from truepose.store.names import LONGEST, name_key
-from truepose.store.rows import find
+from truepose.store.robots import identify_robot, other_robot
+from truepose.store.rows import OTHER_ROBOT, find
 
 _CORRECTED: Final = ("correct", "clip")
 _CELL: Final = "cell"
@@ -72,9 +73,8 @@ def cell_name(path: Path) -> str:
 
 def add_cell(change: Change, file: CellFile) -> int:
     """Add a version of a cell with its robot; a version that the store has is found by its content."""
-    robot_id = records.put_robot(
-        change, file.name, model=file.cell.robot.model, serial=file.cell.report.robot_serial or None
-    )
+    robot_id = records.put_robot(change, file.name, model=file.cell.robot.model, serial=file.cell.robot_id or None)
+    identify_robot(change, robot_id, file.cell, file.name)
     same = {"robot_id": robot_id, "key": name_key(file.name), "sha256": hashlib.sha256(file.data).hexdigest()}
     if (known := find(change.connection, schema.cell, **same)) is not None:
         return int(known["id"])
@@ -145,12 +145,16 @@ def add_corrections(change: Change, record: bytes, head: Mapping[str, Any], cont
     Raises
     ------
     DataError
-        If the store does not have the map, a file before or after the correction is not at hand, or the one before is
-        itself the output of a correction.
+        If the store does not have the map, has it as of another robot and no reason is recorded, a file before or after
+        the correction is not at hand, or the one before is itself the output of a correction.
     """
     row = map_of(change.connection, head["map_sha256"])
     robot_id = change.row(schema.cell, row["cell_id"])["robot_id"]
     changed = [one for one in head["files"] if one["sha256_before"] != one["sha256_after"]] or head["files"]
+    robot: Mapping[str, str] = head.get("robot", {})
+    reason = str(robot.get("other_robot", ""))
+    if (other := other_robot(change.connection, row["id"], robot.get("cell"))) is not None and not reason:
+        raise DataError(f"{other}: correct with the map of this robot, or accept it with --other-robot REASON")
     targets = list(targets_of(record))
     counts = _counts(targets)
     originals, written = (recorded_positions(targets, after=after) for after in (False, True))
@@ -173,6 +177,8 @@ def add_corrections(change: Change, record: bytes, head: Mapping[str, Any], cont
             refused=verdicts["refuse"],
         )
         made.append(records.put_correction(change, new))
+        if reason:
+            records.put_acceptance(change, made[-1], OTHER_ROBOT, reason)
         add_positions(change.connection, made[-1], written.get(one["file"], _NONE))
     return made
 

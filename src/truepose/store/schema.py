@@ -213,6 +213,16 @@ position = _table(  # by which a copy of a corrected program is recognised; made
     sa.Column("hash", _INTEGER, primary_key=True, autoincrement=False),
     sa.Column("correction_id", _INTEGER, sa.ForeignKey("correction.id"), primary_key=True, autoincrement=False),
 )
+acceptance = _table(  # what was accepted by name for a correction, such as the map of another robot
+    "acceptance",
+    _id(),
+    _of("correction"),
+    _name("kind"),
+    _text("reason"),
+    _time(),
+    _name("made_by"),
+)
+acceptance.append_constraint(sa.UniqueConstraint(acceptance.c.correction_id, acceptance.c.kind))
 verification = _table(
     "verification",
     _id(),
