@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 import shutil
 from collections.abc import Callable, Iterator
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 import sqlalchemy as sa
 from scipy.spatial.transform import Rotation
+from tests.io.test_archive import repacked
 from tests.store.people import PASSWORD, join
 from tests.store.plant import plant
 
@@ -117,6 +119,27 @@ def test_a_renamed_module_is_not_corrected_twice(
     assert "weld.src: 1 of its 6 positions are results of a correction: on 20" in done.out
     assert "1 of its 6 positions" in (folder / "twice" / "weld.corrections.json").read_text()
     assert [name for name, _ in corrections(address)] == ["part.src", "weld.src"]
+
+
+@pytest.mark.promise("A store knows a map that another program packed again.")
+def test_a_map_that_was_packed_again_is_the_same(
+    run: Callable[..., Any], folder: Path, address: str, tmp_path: Path
+) -> None:
+    path = folder / "map.truepose"
+    own = tp.load_map(path).hash
+    path.write_bytes(repacked(path.read_bytes(), "times"))
+    assert hashlib.sha256(path.read_bytes()).hexdigest() != own
+    assert tp.load_map(path).hash == own
+    common = ("--on-guard", "skip", "--accept-weak-map", "--store", address)
+    done = run("correct", path, folder / "in" / "part.src", "--out", folder / "out", *common)
+    assert done.code == 0, done
+    assert f'"map_sha256": "{own}"' in (folder / "out" / "part.corrections.json").read_text()
+    assert "nothing new" in run("store", "import", path, "--store", address).out
+    assert len(run("store", "recall", "map", "--store", address, "--json").json["corrections"]) == 1
+    other = tmp_path / "other"
+    Store.open(other, create=True).close()
+    assert run("store", "import", path, "--store", other).code == 0
+    assert run("store", "recall", own, "--store", other).code == 0
 
 
 def test_released_only_needs_a_store(run: Callable[..., Any], tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 import sqlalchemy as sa
 
+from truepose._io.archive import as_written
 from truepose.cell import Cell
 from truepose.error_map import ErrorMap
 from truepose.errors import DataError
@@ -108,10 +109,10 @@ def add_map(
     reading_sets: tuple[int, ...] = (),
     parent_id: int | None = None,
 ) -> int:
-    """Add a map as a draft."""
+    """Add a map as a draft; a file that was packed again is the map that the store has."""
     figures = {"n": len(error_map.samples), "expected": error_map.expected, "worth": error_map.worth.to_dict()}
     name = path.name.removesuffix(".truepose")
-    data, predictor = path.read_bytes(), error_map.predictor_name
+    data, predictor = as_written(path.read_bytes(), path), error_map.predictor_name
     return records.put_map(change, records.NewMap(cell_id, name, data, predictor, figures, reading_sets, parent_id))
 
 
