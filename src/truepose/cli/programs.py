@@ -52,6 +52,9 @@ OtherMaker = Annotated[
 OtherRobot = Annotated[
     str, typer.Option("--other-robot", help="Reason for using the map of another robot of the same type; recorded.")
 ]
+ThisRobot = Annotated[
+    bool, typer.Option("--this-robot", help="A map that names no robot is of the robot that --cell names; stated once.")
+]
 AcceptWeakMap = Annotated[
     bool, typer.Option("--accept-weak-map", help="Accept a weak map, or a map of an interpolator.")
 ]
@@ -286,6 +289,7 @@ def correct(
     require: Require = None,
     other_maker: OtherMaker = False,
     other_robot: OtherRobot = "",
+    this_robot: ThisRobot = False,
     accept_weak_map: AcceptWeakMap = False,
     accept: Accept = None,
     in_place: Annotated[
@@ -335,7 +339,17 @@ def correct(
         executor = stack.enter_context(execution.executor("correction")) if execution.asked else None
         here = None if execution.cluster else executor  # workers of a cluster do not have the files
         names = reading.controllers or ()
-        found = read_for(error_map, paths, frames, options, names, other_maker=other_maker, executor=here)
+        found = read_for(
+            error_map,
+            paths,
+            frames,
+            options,
+            names,
+            cell=cell,
+            other_maker=other_maker,
+            other_robot=other_robot,
+            executor=here,
+        )
         with _others_named(len(found.programs) + len(found.unreadable)):
             if found.unreadable and not keep_going:
                 raise unread(found.unreadable)
@@ -357,6 +371,7 @@ def correct(
                 require=require,
                 other_maker=other_maker,
                 other_robot=other_robot,
+                this_robot=this_robot,
                 accept_weak_map=accept_weak_map,
                 accept=accept or (),
                 progress=progress.count,

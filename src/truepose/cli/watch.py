@@ -20,6 +20,7 @@ from truepose.cli.programs import (
     OtherRobot,
     Reading,
     Require,
+    ThisRobot,
 )
 from truepose.cli.store_record import RecordIn, ReleasedOnly, map_to_use, recorder
 
@@ -40,6 +41,7 @@ def watch(
     require: Require = None,
     other_maker: OtherMaker = False,
     other_robot: OtherRobot = "",
+    this_robot: ThisRobot = False,
     accept_weak_map: AcceptWeakMap = False,
     accept: Accept = None,
     settle: Annotated[
@@ -71,6 +73,7 @@ def watch(
         "require": require,
         "other_maker": other_maker,
         "other_robot": other_robot,
+        "this_robot": this_robot,
         "accept_weak_map": accept_weak_map,
         "accept": accept or (),
     }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,7 +11,8 @@ from truepose.cell import Cell
 from truepose.error_map.map import ErrorMap
 from truepose.errors import DataError, RefusedError, TrueposeError
 from truepose.numerics.executor import Executor
-from truepose.programs.agreement import controllers_for
+from truepose.programs.agreement import check_serial, controllers_for
+from truepose.programs.backups.backup import Backup, Controller
 from truepose.programs.core.outcomes import CorrectedShare
 from truepose.programs.core.program import Program, ReadOptions
 from truepose.programs.correct import correct_program
@@ -182,7 +182,16 @@ def correct_programs(
     if frames is None and cell is not None:
         frames = FrameTable.from_cell(cell)
     options = replace(options or ReadOptions(), orientation=bool(settings.get("orientation", False)))
-    found = read_for(error_map, paths, frames, options, controllers, other_maker=settings.get("other_maker", False))
+    found = read_for(
+        error_map,
+        paths,
+        frames,
+        options,
+        controllers,
+        cell=cell,
+        other_maker=settings.get("other_maker", False),
+        other_robot=settings.get("other_robot", ""),
+    )
     refused = [RefusedProgram(Path(error.path), str(error)) for error in found.unreadable]
     if found.unreadable and not keep_going:
         raise found.unreadable[0]
@@ -199,7 +208,9 @@ def read_for(
     options: ReadOptions,
     controllers: Sequence[str] = (),
     *,
+    cell: Cell | None = None,
     other_maker: bool = False,
+    other_robot: str = "",
     executor: Executor | None = None,
 ) -> Reading:
     """Return the programs that a map is to correct: of a backup, those of the controller of its robot.
@@ -209,10 +220,17 @@ def read_for(
     Raises
     ------
     RefusedError
-        If a backup has no such controller or several, or there is no program.
+        If a backup has no such controller or several, is of another robot than the map, or there is no program.
     """
-    robot = CorrectionContext.of(error_map).robot
-    choose = partial(controllers_for, robot=robot, names=controllers, other_maker=other_maker)
+    known = CorrectionContext.of(error_map)
+    cells = [one for one in (known.cell, cell) if one is not None]
+
+    def choose(backup: Backup) -> list[Controller]:
+        wanted = controllers_for(backup, known.robot, controllers, other_maker=other_maker)
+        for one in wanted:
+            check_serial(one, cells, other_robot)
+        return wanted
+
     found = read_chosen(paths, frames, options, choose, executor)
     for backup in found.backups:
         if not (found.unreadable or any(one.root == backup.path for one in found.programs)):

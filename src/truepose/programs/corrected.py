@@ -26,6 +26,7 @@ from truepose.programs.core.program import Program
 from truepose.programs.core.source import Source, unified_diff
 from truepose.programs.leftovers import remember_written
 from truepose.programs.record import FORMAT, SCHEMA, SUFFIX, encoded, head_csv, joined, json_around, rows
+from truepose.programs.stated_robots import state_robot, stated_robot
 from truepose.programs.whole import Change, CorrectedFiles
 
 ORIGINAL: Final = ".original"
@@ -89,8 +90,8 @@ class CorrectedProgram:
         The state of the map in a store at the time of the correction: ``draft``, ``released`` or ``superseded``; None
         without a store.
     robot : dict of str to str
-        What is known of the robot: the id of the ``map``'s, that of the ``cell``'s in which it corrects, and the reason
-        why the map of another one is used (``other_robot``).
+        What is known of the robot: the id of the ``map``'s, that of the ``cell``'s in which it corrects, the reason why
+        the map of another one is used (``other_robot``), and the id that is ``stated`` now for a map without one.
     rendered : RenderedParts, optional
         The corrected files and the rows of the records, if a worker has written them already.
     """
@@ -291,7 +292,7 @@ def write_in_place(
             raise FileError(backup, "exists already and would be lost; move it away")
     records = [_records(one.program, one.program.folder, workbook) for one in corrected]
     files.check_outputs(*chain.from_iterable(records), force=force, inputs=[source.path for source in changed])
-    history.remember(corrected)
+    _remember(corrected)
     # copies and records first: a program that is corrected is never without them
     json_paths = [paths[0] for paths in records]
     with files.Commit() as commit:
@@ -340,7 +341,7 @@ def write(
     written += [path for backup in backups for path in (backup.list_path, *backup.copies)]
     sources = {on_disk(source.path) for one in corrected for source in one.program.sources}
     files.check_outputs(*written, force=force, inputs=[*sources, *(p for b in backups for p in b.copies.values())])
-    history.remember(corrected)
+    _remember(corrected)
     with files.Commit() as commit:
         if note is not None and corrected:
             note.write(commit, out_dir, [paths[0] for paths in records])
@@ -357,6 +358,15 @@ def write(
     if note is None:
         _tell_unrecorded([out_dir])
     return written
+
+
+def _remember(corrected: Sequence[CorrectedProgram]) -> None:
+    """Keep what later runs must know of programs that are about to be written, and what is stated of their map."""
+    history.remember(corrected)
+    stated = {(one.map_hash, one.map_path, one.robot["stated"]) for one in corrected if "stated" in one.robot}
+    for map_hash, map_path, robot_id in stated:
+        if map_hash is not None and stated_robot(map_hash, map_path) != robot_id:
+            state_robot(map_hash, map_path, robot_id)
 
 
 def _tell_unrecorded(folders: Iterable[Path]) -> None:

@@ -27,7 +27,7 @@ from truepose.store import records, schema
 from truepose.store.change import Change
 from truepose.store.corrected import add_positions, check_original, targets_of
 from truepose.store.names import LONGEST, name_key
-from truepose.store.robots import identify_robot, other_robot
+from truepose.store.robots import identify_robot, other_robot, state_robot
 from truepose.store.rows import OTHER_ROBOT, find
 
 _CORRECTED: Final = ("correct", "clip")
@@ -156,6 +156,8 @@ def add_corrections(change: Change, record: bytes, head: Mapping[str, Any], cont
     reason = str(robot.get("other_robot", ""))
     if (other := other_robot(change.connection, row["id"], robot.get("cell"))) is not None and not reason:
         raise DataError(f"{other}: correct with the map of this robot, or accept it with --other-robot REASON")
+    if other is None and (stated := robot.get("stated")):
+        state_robot(change, robot_id, str(stated))
     targets = list(targets_of(record))
     counts = _counts(targets)
     originals, written = (recorded_positions(targets, after=after) for after in (False, True))

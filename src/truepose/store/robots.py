@@ -73,3 +73,9 @@ def identify_robot(change: Change, robot_id: int, cell: Cell, name: str) -> None
             "keep the cell of another robot under another name (of its folder or file)"
         )
     change.update(schema.robot, robot_id, {"serial": cell.robot_id}, "robot.identify")
+
+
+def state_robot(change: Change, robot_id: int, stated: str) -> None:
+    """Keep the id that somebody has stated for the robot of a map, if the store has none."""
+    if not change.row(schema.robot, robot_id)["serial"]:
+        change.update(schema.robot, robot_id, {"serial": stated}, "robot.identify")
