@@ -157,7 +157,7 @@ class CorrectedProgram:
             "files": [self._file(source) for source in self.program.sources],
             "map_sha256": self.map_hash,
             **({} if self.map_state is None else {"map_state": self.map_state}),
-            **({"robot": dict(self.robot)} if self.robot else {}),
+            "robot": dict(self.robot),
             "on_guard": self.on_guard,
             "limits": self.limits.to_dict(),
             "resolution_mm": self.resolution,
