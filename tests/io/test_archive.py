@@ -1,6 +1,7 @@
 import io
 import json
 import zipfile
+import zlib
 
 import numpy as np
 import pytest
@@ -103,3 +104,44 @@ def test_other_zip_is_told():
 def test_nan_in_content_is_refused():
     with pytest.raises(ValueError, match="not JSON compliant"):
         archive.pack({"a": float("nan")}, {})
+
+
+def repacked(data: bytes, way: str) -> bytes:
+    """Return a file packed by another program."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(out, "w") as new:
+        infos = old.infolist()
+        for info in reversed(infos) if way == "order" else infos:
+            method = zipfile.ZIP_STORED if way == "stored" else zipfile.ZIP_DEFLATED
+            time = (2026, 1, 2, 3, 4, 6) if way == "times" else info.date_time
+            level = {"level 9": 9, "level 1": 1}.get(way)
+            new.writestr(zipfile.ZipInfo(info.filename, time), old.read(info), method, level)
+    return out.getvalue()
+
+
+WAYS = ("order", "stored", "times", "level 1", "level 9")
+
+
+@pytest.mark.promise("A map that another program packed again is the same map.")
+@pytest.mark.parametrize("way", WAYS)
+def test_a_file_packed_again_is_the_same(way: str) -> None:
+    rng = np.random.default_rng(4)
+    content = {"notes": [f"sample {k} at {x:.4f} mm" for k, x in enumerate(rng.normal(size=300))]}
+    data = archive.pack(content, {"e": rng.normal(size=(40, 3)), "e.b": np.arange(9)})
+    other = repacked(data, way)
+    assert other != data
+    assert archive.as_written(other, "m") == archive.as_written(data, "m") == data
+
+
+def test_a_file_of_another_zlib_stays_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = zlib.compressobj
+    data = archive.pack({"notes": ["a"] * 50 + list(range(50))}, {})
+    with monkeypatch.context() as patch:  # two strategies of zlib stand for two programs
+        patch.setattr(archive.zlib, "compressobj", lambda *_: real(9, zlib.DEFLATED, -15, 9, zlib.Z_HUFFMAN_ONLY))
+        assert archive.as_written(data, "m") == data
+
+
+@pytest.mark.parametrize("end", [0, 30, -30])
+def test_a_damaged_file_is_refused(end: int) -> None:
+    with pytest.raises(FileError):
+        archive.as_written(archive.pack({}, {})[:end], "m")

@@ -200,8 +200,8 @@ def test_records_are_read_once_for_all_programs_beside_them(
         if path.suffix != ".src":
             path.rename(tmp_path / path.name)  # eight records beside the originals
     read: list[Path] = []
-    hashes_of = record.hashes_of
-    monkeypatch.setattr(record, "hashes_of", lambda path: [read.append(path), hashes_of(path)][1])
+    head_of = record.head_of
+    monkeypatch.setattr(record, "head_of", lambda path: [read.append(path), head_of(path)][1])
     corrected = correct_programs(programs, error_map, frames=FrameTable())
     assert len(read) == 8
     assert corrected.n_corrected == 8

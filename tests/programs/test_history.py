@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.programs.corpus import CORPUS
 
 from truepose.errors import FileError, RefusedError
-from truepose.programs import correct_program, history
+from truepose.programs import correct_program, history, read_programs
 from truepose.programs.corrected import write
+from truepose.programs.record import json_pieces
 
 N = 12
 
@@ -130,9 +132,9 @@ def test_positions_shared_with_each_entry_are_counted(seed: int) -> None:
     rng = np.random.default_rng(seed)
     listed, owner = rng.integers(0, 50, 300).astype(np.uint64), rng.integers(0, 7, 300)
     order = np.argsort(listed, kind="stable")
-    entries = tuple(history._Entry("", "", str(i)) for i in range(8))
+    entries = tuple(history.Entry("", "", str(i)) for i in range(8))
     own = np.unique(rng.integers(0, 70, 20).astype(np.uint64))
-    found = history._List(entries, listed[order], owner[order]).shared(own)
+    found = history.KnownCorrections(entries, listed[order], owner[order]).shared(own)
     assert found.tolist() == np.bincount(owner[np.isin(listed, own)], minlength=8).tolist()
 
 
@@ -142,3 +144,73 @@ def test_a_correction_that_was_repeated_is_listed_once(tmp_path: Path) -> None:
     found = history._listed(tmp_path / "list")
     assert [entry.after for entry in found.entries] == ["aa", "bb", "aa"]
     assert found.positions.tolist() == [1, 1, 2]
+
+
+ONE_OF_EACH = {
+    Path(next(iter(example.files))).suffix.lower(): example
+    for example in CORPUS.values()
+    if example.correct > 0 and example.refuse == 0
+}
+"""A program of each ending, with targets that can be corrected."""
+
+
+@pytest.mark.promise(
+    "A corrected program is recognised by its positions in every language, by a list and by a record alone, "
+    "under another name and with other text."
+)
+@pytest.mark.parametrize("ending", sorted(ONE_OF_EACH))
+def test_every_language(ending: str, make_map: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    example, error_map = ONE_OF_EACH[ending], make_map([0.21, -0.13, 0.34])
+    for name, data in example.data().items():
+        (tmp_path / name).write_bytes(data)
+    asked = {"frames": example.frames, "options": example.options}
+    first = tmp_path / next(iter(example.files))
+    done = correct_program(first, error_map, on_guard="skip", **asked)
+    assert done.summary()["corrected"] >= 1
+    done.write(tmp_path / "out")
+    (record,) = (tmp_path / "out").glob("*.corrections.json")
+    older = json.loads(record.read_text())
+    assert all(
+        entry.pop("positions", "") or entry["sha256_before"] == entry["sha256_after"] for entry in older["files"]
+    )
+    head = {key: value for key, value in older.items() if key != "targets"}
+    lines = json_pieces(head, [[json.dumps(one) for one in older["targets"]]])
+    for name, text in (("new", record.read_bytes()), ("old", b"".join(lines)), ("listed", None)):
+        folder = tmp_path / name
+        folder.mkdir()
+        for source in done.program.sources:
+            data = (tmp_path / "out" / source.path.name).read_bytes()
+            (folder / f"renamed{source.path.suffix}").write_bytes(data + b"\n")
+        with monkeypatch.context() as patch:
+            if text is not None:
+                (folder / record.name).write_bytes(text)
+                patch.setenv("TRUEPOSE_STATE", str(tmp_path / "of another user"))
+            where = "listed in" if text is None else f"see {record.name}"
+            with pytest.raises(RefusedError, match=rf"holds \d+ positions that were corrected.*{where}"):
+                correct_program(folder / f"renamed{first.suffix}", error_map, on_guard="skip", **asked)
+
+
+@pytest.mark.promise("Single targets that an earlier correction wrote are named.")
+@pytest.mark.parametrize("kept", [1, 2])
+def test_single_corrected_targets_are_named(corrected: Path, make_map: Any, kept: int) -> None:
+    head, *moves = corrected.read_text().split("LIN ")
+    corrected.write_text(
+        head + "".join(f"LIN {m if i < kept else m.replace('900.3', '950')}" for i, m in enumerate(moves))
+    )
+    found = correct_program(corrected, make_map([0.2, 0.0, 0.0])).warnings
+    assert f"{kept} of its {N} positions are results of a correction (a.src, " in found[0]
+    assert found[0].count("in line ") == kept
+    assert "line 4" in found[0]
+
+
+def test_a_small_module_of_a_large_project_is_recognised(corrected: Path, make_map: Any, tmp_path: Path) -> None:
+    head, *moves = corrected.read_text().split("LIN ")
+    project = tmp_path / "project"
+    project.mkdir()
+    (project / "small.src").write_text(head.replace("a()", "small()") + f"LIN {moves[0]}END\n")
+    fresh = "".join(f"LIN {{X {700 + 3 * i},Y 2,Z 3,A 0,B 90,C 0}}\n" for i in range(50))
+    (project / "large.src").write_text(head.replace("a()", "large()") + fresh + "small()\nEND\n")
+    found = read_programs([project]).programs
+    assert max(len(program.sources) for program in found) == 2
+    with pytest.raises(RefusedError, match=r"small\.src: holds 1 positions that were corrected"):
+        correct_program(found[0], make_map([0.2, 0.0, 0.0]), on_guard="skip")

@@ -8,7 +8,7 @@ import pytest
 
 import truepose as tp
 from truepose.cell import load_cell, template, write_template
-from truepose.errors import RefusedError
+from truepose.errors import DataError, RefusedError
 
 SAME = (("A-17", "A-17"), ("A-17", " a-17"))
 OTHERS = (("A-17", "A-18"), ("robot-1f3a9c22", "robot-77aa0b13"))
@@ -81,3 +81,35 @@ def test_the_commands_refuse_and_record(run, of_robot, krl, tmp_path):
     assert done.code == 0, done.err
     record = json.loads((tmp_path / "out" / "a.corrections.json").read_text("utf-8"))
     assert any("same arm, new plate" in one for one in record["warnings"])
+
+
+@pytest.mark.promise("Of which robot an old map is, is asked for once: what is stated is kept, and another is refused.")
+@pytest.mark.parametrize("other_user", [False, True])
+def test_an_old_map_is_asked_about_once(of_robot, krl, tmp_path, monkeypatch, other_user):
+    of_robot(None).save(tmp_path / "map.truepose")
+    error_map = tp.load_map(tmp_path / "map.truepose")
+    cell, other = named(error_map.cell, "A-17"), named(error_map.cell, "A-18")
+
+    def question(**how):
+        return [one for one in tp.correct_program(krl(), error_map, cell, **how).warnings if "is not known" in one]
+
+    assert "state it once with --this-robot (Python: this_robot=True)" in question()[0]
+    assert question() != []  # nothing was stated
+    tp.correct_program(krl(), error_map, cell, this_robot=True).write(tmp_path / "out")
+    if other_user:  # who has the map, too
+        monkeypatch.setenv("TRUEPOSE_STATE", str(tmp_path / "other"))
+    assert question() == []
+    with pytest.raises(RefusedError, match="map is of the robot 'A-17', the cell file of 'A-18'"):
+        tp.correct_program(krl(), error_map, other)
+    with pytest.raises(RefusedError, match="A-17"):  # one statement does not replace another
+        tp.correct_program(krl(), error_map, other, this_robot=True)
+    record = json.loads((tmp_path / "out" / "a.corrections.json").read_text("utf-8"))
+    assert record["robot"] == {"cell": "A-17", "stated": "A-17"}
+
+
+def test_an_old_cell_says_what_to_write(of_robot, krl):
+    error_map = of_robot("A-17")
+    done = tp.correct_program(krl(), error_map, named(error_map.cell, None))
+    assert [one for one in done.warnings if 'write id = "A-17" under [robot] in the cell file' in one]
+    with pytest.raises(DataError, match=r'names no robot; write id = "A-17" under \[robot\]'):
+        tp.correct_program(krl(), error_map, named(error_map.cell, None), this_robot=True)

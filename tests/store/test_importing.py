@@ -134,13 +134,15 @@ def test_a_correction_without_its_map_waits_for_it(store, team, folder, tmp_path
     assert import_folder(store, team["anna"], folder).counts() == {"map": 1, "correction": 1, "verification": 1}
 
 
-def test_a_correction_of_a_corrected_program_is_left_out(store, team, folder, tmp_path, monkeypatch):
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_correction_of_a_corrected_program_is_left_out(whole, store, team, folder, tmp_path, monkeypatch):
     """Somebody corrected a copy on a machine that did not know it; its record names the map and the date."""
     import_folder(store, team["anna"], folder)
     monkeypatch.setenv("TRUEPOSE_STATE", str(tmp_path / "state of another machine"))
     other = folder.parent / "other"
     other.mkdir()
-    shutil.copy(folder / "corrected" / "part.csv", other / "copy.csv")
+    copied = (folder / "corrected" / "part.csv").read_text()
+    (other / "copy.csv").write_text(copied if whole else copied + "\n")
     error_map = tp.load_map(shutil.copy(folder / "map.truepose", tmp_path))
     twice = tp.correct_program(other / "copy.csv", error_map, on_guard="skip", accept_weak_map=True)
     twice.write(other / "twice")
@@ -148,7 +150,9 @@ def test_a_correction_of_a_corrected_program_is_left_out(store, team, folder, tm
     (left,) = done.left_out
     assert left.path.name == "copy.corrections.json"
     assert re.search(
-        r"was corrected already: on 20\d\d-\d\d-\d\d with the map map \(\w{12}\), from part\.csv", left.reason
+        r"(was corrected already|holds 6 positions that were corrected): "
+        r"on 20\d\d-\d\d-\d\d with the map map \(\w{12}\), from part\.csv",
+        left.reason,
     )
     assert len(rows(store, schema.correction)) == 1
     assert import_folder(store, team["anna"], folder).left_out == []  # the first correction itself stays known

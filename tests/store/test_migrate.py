@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 
 from truepose.errors import StoreError
+from truepose.programs.history import hash_rows
 from truepose.store import migrate, records, rows, schema
 from truepose.store.address import backend_of
 from truepose.store.backup import restore
@@ -18,6 +22,18 @@ from truepose.store.change import Change
 from truepose.store.corrected import earlier_corrections
 from truepose.store.store import Store
 from truepose.store.verify import verify
+
+OUT = hashlib.sha256(b"out").hexdigest()
+RECORD = json.dumps(
+    {
+        "files": [{"file": "P.src", "sha256_before": hashlib.sha256(b"DEF P()").hexdigest(), "sha256_after": OUT}],
+        "targets": [
+            {"file": "P.src", "before_mm": [1.0, 2.0, 3.0], "after_mm": [1.1, 2.0, 3.0]},
+            {"file": "P.src", "before_mm": [4.0, 2.0, 3.0], "after_mm": [4.0, 2.0, 3.0]},
+            {"file": "P.src", "before_mm": [None, None, None], "after_mm": [None, None, None]},
+        ],
+    }
+).encode()
 
 
 def old_store(address: str, version: int) -> Store:
@@ -31,7 +47,8 @@ def old_store(address: str, version: int) -> Store:
         cell = records.put_cell(change, "Cell 4", b"[cell]")
         map_id = records.put_map(change, records.NewMap(cell, "m", b"map", "idw", {"mean_mm": 0.1}))
         program = records.put_program(change, records.put_robot(change, "Cell 4"), "P.src", b"DEF P()")
-        records.put_correction(change, records.NewCorrection(program, map_id, {}, b"out", b"record", 3, 2, 1))
+        records.put_correction(change, records.NewCorrection(program, map_id, {}, b"out", RECORD, 3, 2, 1))
+        records.put_correction(change, records.NewCorrection(program, map_id, {}, b"out 2", b"no record", 3, 2, 1))
     return store
 
 
@@ -47,7 +64,10 @@ def test_older_stores_are_migrated_with_their_rows(new_address: Callable[[], str
         assert store.migrate("b") == (schema.VERSION, schema.VERSION)
     with Store.open(address) as store, store.reading() as connection:
         assert compare_metadata(MigrationContext.configure(connection), schema.metadata) == []
-        assert [row["targets"] for row in rows.recall(connection, 1).rows] == [3]
+        assert [row["targets"] for row in rows.recall(connection, 1).rows] == [3, 3]
+        (position,) = connection.execute(sa.select(schema.position)).all()
+        assert position.hash == hash_rows(np.array([[1.1, 2.0, 3.0]])).view(np.int64)[0]
+        assert position.correction_id == 1
         assert verify(store, head=before.hash).faults == []
         assert store.head().sequence == before.sequence + 1
 

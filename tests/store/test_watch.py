@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,6 +13,7 @@ import numpy as np
 import pytest
 import sqlalchemy as sa
 from scipy.spatial.transform import Rotation
+from tests.io.test_archive import repacked
 from tests.store.people import PASSWORD, join
 from tests.store.plant import plant
 
@@ -87,6 +90,56 @@ def test_the_command_corrects_and_records_once(run: Callable[..., Any], folder: 
     (folder / "in" / "again.src").write_bytes((folder / "out" / "part.src").read_bytes())
     assert "again.src: was corrected already" in run(*command).failed()
     assert corrections(address) == [("part.src", True)]
+
+
+@pytest.mark.promise("A store recognises a corrected program by its positions, under another name, on another machine.")
+def test_a_renamed_module_is_not_corrected_twice(
+    run: Callable[..., Any], folder: Path, address: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    options = ("--on-guard", "skip", "--accept-weak-map", "--store", address)
+    assert run("correct", folder / "map.truepose", folder / "in", "--out", folder / "out", *options).code == 0
+    monkeypatch.setenv("TRUEPOSE_STATE", str(tmp_path / "another machine"))
+    text = (folder / "out" / "part.src").read_text().replace("DEF part()", "; edited\nDEF weld()")
+    (folder / "copies").mkdir()
+    copy = folder / "copies" / "weld.src"
+    copy.write_text(text)
+    (folder / "map.truepose.corrected").unlink()
+    pattern = r"weld\.src: holds 6 positions that were corrected: on 20.* with the map map \(\w{12}\), from part\.src"
+    for named in (folder / "map.truepose", "map"):
+        for source in (copy, copy.parent):
+            refused = run("correct", named, source, "--out", folder / "twice", *options).failed()
+            assert re.search(pattern, refused)
+    watched = ("watch", folder / "map.truepose", copy.parent, folder / "twice", "--once", "--settle", 0, *options)
+    assert re.search(pattern, run(*watched).failed())
+    assert not (folder / "twice").exists()
+    lines = text.splitlines(keepends=True)
+    fresh = [line.replace("Z ", "Z 1") for line in lines if line.startswith("LIN")]
+    copy.write_text("".join([*lines[:5], *fresh[1:], *lines[-1:]]))
+    done = run("correct", folder / "map.truepose", copy, "--out", folder / "twice", *options)
+    assert "weld.src: 1 of its 6 positions are results of a correction: on 20" in done.out
+    assert "1 of its 6 positions" in (folder / "twice" / "weld.corrections.json").read_text()
+    assert [name for name, _ in corrections(address)] == ["part.src", "weld.src"]
+
+
+@pytest.mark.promise("A store knows a map that another program packed again.")
+def test_a_map_that_was_packed_again_is_the_same(
+    run: Callable[..., Any], folder: Path, address: str, tmp_path: Path
+) -> None:
+    path = folder / "map.truepose"
+    own = tp.load_map(path).hash
+    path.write_bytes(repacked(path.read_bytes(), "times"))
+    assert hashlib.sha256(path.read_bytes()).hexdigest() != own
+    assert tp.load_map(path).hash == own
+    common = ("--on-guard", "skip", "--accept-weak-map", "--store", address)
+    done = run("correct", path, folder / "in" / "part.src", "--out", folder / "out", *common)
+    assert done.code == 0, done
+    assert f'"map_sha256": "{own}"' in (folder / "out" / "part.corrections.json").read_text()
+    assert "nothing new" in run("store", "import", path, "--store", address).out
+    assert len(run("store", "recall", "map", "--store", address, "--json").json["corrections"]) == 1
+    other = tmp_path / "other"
+    Store.open(other, create=True).close()
+    assert run("store", "import", path, "--store", other).code == 0
+    assert run("store", "recall", own, "--store", other).code == 0
 
 
 def test_released_only_needs_a_store(run: Callable[..., Any], tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import csv
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from truepose.report.knowledge import knowledge
 from truepose.report.region import predict_positions
 from truepose.samples import Poses, write_samples
 from truepose.web import Workspace, create_app
+from truepose.web.maps.facts import MapEntry, of_cell
 from truepose.web.maps.tables import written
 from truepose.web.security import CSRF_HEADER, Guard
 
@@ -342,3 +344,18 @@ def test_a_plane_beyond_every_number_of_use_is_refused(page: Page, at: str) -> N
 def test_a_parameter_of_a_variogram_beyond_every_number_of_use_is_refused(page: Page, name: str) -> None:
     path = f"/api/v1/maps/{page.sha('ordinary-kriging')}/variogram"
     assert page.client.post(path, json={name: 1e200}, headers=page.headers).status_code == 422
+
+
+@pytest.mark.promise("The page of a cell lists the maps of its own robot first, and marks those of another one.")
+def test_maps_of_another_robot_are_marked() -> None:
+    cell = VirtualCell("paper").cell
+    own = cell.model_copy(update={"robot": cell.robot.model_copy(update={"id": "A-1"})})
+    entries = [
+        MapEntry(sha=str(k), file="m", modified=0.0, size=1, robot_id=one) for k, one in enumerate(("B", "a-1", None))
+    ]
+    for stated, order in (
+        (own, [("1", False), ("2", False), ("0", True)]),
+        (cell, [(str(k), False) for k in range(3)]),
+    ):
+        folder: Any = SimpleNamespace(load=lambda stated=stated: stated)
+        assert [(one.sha, one.other_robot) for one in of_cell(folder, entries)] == order

@@ -16,6 +16,7 @@ import json
 import math
 import re
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -39,6 +40,7 @@ _SMALL: Final = 2**20  # bytes that may be unpacked at any ratio
 _MOST_MEMBERS: Final = 100
 _METHODS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _END: Final = 22  # bytes of the end record of a zip without comment; bytes 12 to 16 are the size of the directory
+_LOCAL: Final = 30  # bytes of the head of a member, before its name and its extra field
 _WIDEST: Final = 1000  # columns of an array; its rows are bounded by the file's size
 _WRITTEN_BY: Final = {FORMAT: "'truepose fit'", FROZEN: "FrozenMap.save"}
 _EPOCH: Final = (1980, 1, 1, 0, 0, 0)
@@ -78,11 +80,45 @@ def pack(content: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], form: s
         "written_by": f"truepose {version()}",
         "sha256": {name: hashlib.sha256(data).hexdigest() for name, data in members.items()},
     }
+    return _zipped({_MANIFEST: _json(manifest), **members})
+
+
+def _zipped(members: Mapping[str, bytes]) -> bytes:
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, data in {_MANIFEST: _json(manifest), **members}.items():
+        for name, data in members.items():
             archive.writestr(zipfile.ZipInfo(name, _EPOCH), data, zipfile.ZIP_DEFLATED)
     return out.getvalue()
+
+
+def as_written(data: bytes, path: str | Path, form: str = FORMAT) -> bytes:
+    """Return the bytes of a file as `pack` wrote them, also if another program has packed it again.
+
+    Members in another order, with other times or packed in another way are the same content. A file that another zlib
+    wrote stays as it is. Arguments and errors are those of `unpack`.
+    """
+    infos, members = _members(data, path, form)
+    order = sorted(members, key=lambda name: (name != _MANIFEST, name != _CONTENT, name.removesuffix(".npy")))
+    wanted = [(name, _EPOCH, zipfile.ZIP_DEFLATED) for name in order]
+    if [(info.filename, info.date_time, info.compress_type) for info in infos] == wanted:
+        packed = {info.filename: _packed(data, info) for info in infos}
+        if all(packed[name] == _deflated(members[name]) for name in order):
+            return data
+        if not any(packed[_CONTENT] == _deflated(members[_CONTENT], level) for level in range(10)):
+            return data
+    return _zipped({name: members[name] for name in order})
+
+
+def _packed(data: bytes, info: zipfile.ZipInfo) -> bytes:
+    """Return a member of a zip as it is packed."""
+    at = info.header_offset + _LOCAL
+    start = at + int.from_bytes(data[at - 4 : at - 2], "little") + int.from_bytes(data[at - 2 : at], "little")
+    return data[start : start + info.compress_size]
+
+
+def _deflated(data: bytes, level: int = zlib.Z_DEFAULT_COMPRESSION) -> bytes:
+    pack = zlib.compressobj(level, zlib.DEFLATED, -zlib.MAX_WBITS)
+    return pack.compress(data) + pack.flush()
 
 
 def unpack(data: bytes, path: str | Path, form: str = FORMAT) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -103,21 +139,28 @@ def unpack(data: bytes, path: str | Path, form: str = FORMAT) -> tuple[dict[str,
         If the file is not of this format, is truncated, was changed after it was written, is of a newer version, or
         would unpack to more than `LARGEST_MAP` bytes or 100 times its own size.
     """
-    try:
-        _check_directory(data)
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            members = _read_members(archive, path, len(data), form)
-    except FileError:
-        raise
-    # zlib.error is not an OSError, and damaged headers raise errors of struct and codecs
-    except Exception as error:
-        raise FileError(path, f"is not a map file, or is truncated ({error}); fit and save the map again") from None
+    _, members = _members(data, path, form)
+    del members[_MANIFEST]
     content = _parse(members.pop(_CONTENT, b""), path, _CONTENT)
     if not isinstance(content, dict):
         raise FileError(path, f"{_CONTENT} is not an object; fit and save the map again")
     return content, {
         name.removeprefix("arrays/").removesuffix(".npy"): _array(m, path, name) for name, m in members.items()
     }
+
+
+def _members(data: bytes, path: str | Path, form: str) -> tuple[list[zipfile.ZipInfo], dict[str, bytes]]:
+    """Return the entries of a file, and its members by name."""
+    try:
+        _check_directory(data)
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            infos = archive.infolist()
+            return infos, _read_members(archive, path, len(data), form)
+    except FileError:
+        raise
+    # zlib.error is not an OSError, and damaged headers raise errors of struct and codecs
+    except Exception as error:
+        raise FileError(path, f"is not a map file, or is truncated ({error}); fit and save the map again") from None
 
 
 def _json(content: Any) -> bytes:
@@ -141,7 +184,7 @@ def _check_directory(data: bytes) -> None:
 
 
 def _read_members(archive: zipfile.ZipFile, path: str | Path, size: int, form: str) -> dict[str, bytes]:
-    """Return the members of the manifest by name."""
+    """Return the manifest and its members by name."""
     infos = {info.filename: info for info in archive.infolist()}
     if len(infos) != len(archive.infolist()):
         raise FileError(path, "contains a member twice: it was not written by truepose; fit and save the map again")
@@ -150,7 +193,8 @@ def _read_members(archive: zipfile.ZipFile, path: str | Path, size: int, form: s
         raise FileError(path, f"would unpack from {size} to {unpacked} bytes: not a truepose map")
     if any(info.compress_type not in _METHODS for info in infos.values()):
         raise FileError(path, "uses an unknown compression method: it was not written by truepose")
-    hashes = _hashes(_member(archive, infos[_MANIFEST]) if _MANIFEST in infos else b"", path, form)
+    manifest = _member(archive, infos[_MANIFEST]) if _MANIFEST in infos else b""
+    hashes = _hashes(manifest, path, form)
     if stray := sorted(infos.keys() - hashes.keys() - {_MANIFEST}):
         raise FileError(path, f"was changed after it was written ({stray[0]} was added); fit and save the map again")
     members = {name: _member(archive, infos[name]) for name in hashes if name in infos}
@@ -158,7 +202,7 @@ def _read_members(archive: zipfile.ZipFile, path: str | Path, size: int, form: s
     if changed:
         what = ", ".join(sorted(changed))
         raise FileError(path, f"was changed after it was written ({what}); fit and save the map again")
-    return members
+    return {_MANIFEST: manifest, **members}
 
 
 def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:

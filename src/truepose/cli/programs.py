@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import starmap
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -51,6 +51,9 @@ OtherMaker = Annotated[
 ]
 OtherRobot = Annotated[
     str, typer.Option("--other-robot", help="Reason for using the map of another robot of the same type; recorded.")
+]
+ThisRobot = Annotated[
+    bool, typer.Option("--this-robot", help="A map that names no robot is of the robot that --cell names; stated once.")
 ]
 AcceptWeakMap = Annotated[
     bool, typer.Option("--accept-weak-map", help="Accept a weak map, or a map of an interpolator.")
@@ -286,6 +289,7 @@ def correct(
     require: Require = None,
     other_maker: OtherMaker = False,
     other_robot: OtherRobot = "",
+    this_robot: ThisRobot = False,
     accept_weak_map: AcceptWeakMap = False,
     accept: Accept = None,
     in_place: Annotated[
@@ -322,10 +326,12 @@ def correct(
     _allow_files(report, targets, force)
     policy: Policy | None = None if on_guard is None else on_guard.value
     with ExitStack() as stack:
-        record = stack.enter_context(recorder(store, "correct"))
+        record = stack.enter_context(recorder(store, "correct", _folders(paths) if in_place else [out]))
         progress = stack.enter_context(working("Reading the map", quiet=as_json))
         error_map, row = map_to_use(record, map_path, released_only=released_only)
         cell = reading.cell()
+        if record is not None and row is not None:
+            record.check_robot(row, reading.cell_path, cell, other_robot)
         frames = reading.frames(cell or error_map.cell)
         progress("Reading the programs")
         # correct all before writing any, so that a refusal leaves no program half done
@@ -333,14 +339,25 @@ def correct(
         executor = stack.enter_context(execution.executor("correction")) if execution.asked else None
         here = None if execution.cluster else executor  # workers of a cluster do not have the files
         names = reading.controllers or ()
-        found = read_for(error_map, paths, frames, options, names, other_maker=other_maker, executor=here)
+        found = read_for(
+            error_map,
+            paths,
+            frames,
+            options,
+            names,
+            cell=cell,
+            other_maker=other_maker,
+            other_robot=other_robot,
+            executor=here,
+        )
         with _others_named(len(found.programs) + len(found.unreadable)):
             if found.unreadable and not keep_going:
                 raise unread(found.unreadable)
-            again = {} if record is None else record.corrected_already(found.programs)
+            earlier = None if record is None else record.corrected_already(found.programs)
+            again = {} if earlier is None else earlier.refused
             if again and not keep_going:
                 raise RefusedError(next(iter(again.values())))
-            originals = [program for program in found.programs if program.path not in again]
+            originals = [program for program in found.programs if program not in again]
             if executor is None and worth_processes(originals):
                 executor = stack.enter_context(execution.executor("correction"))
             corrected, refused = correct_read(
@@ -354,6 +371,7 @@ def correct(
                 require=require,
                 other_maker=other_maker,
                 other_robot=other_robot,
+                this_robot=this_robot,
                 accept_weak_map=accept_weak_map,
                 accept=accept or (),
                 progress=progress.count,
@@ -361,7 +379,14 @@ def correct(
         if row is not None:
             beside = map_path if map_path.is_file() else None  # the list of corrected programs lies beside a file
             corrected = [replace(one, map_state=row["state"], map_path=beside) for one in corrected]
-        before = {**{error.path: str(error) for error in found.unreadable}, **again}
+        if earlier is not None:
+            told = earlier.warnings
+            corrected = [
+                replace(one, warnings=(*one.warnings, told[one.program])) if one.program in told else one
+                for one in corrected
+            ]
+        before = {error.path: str(error) for error in found.unreadable}
+        before |= {program.path: reason for program, reason in again.items()}
         batch = CorrectedBatch(tuple(corrected), (*starmap(RefusedProgram, before.items()), *refused))
         progress("Writing")
         check_names(corrected, in_place=in_place)
@@ -369,10 +394,12 @@ def correct(
         if corrected and not dry_run:
             if record is not None and row is not None:
                 record.check_map(row, released_only=released_only)
-            how = {"force": force, "workbook": xlsx}
+            note = None if record is None else record.prepare(corrected)
+            how: Any = {"force": force, "workbook": xlsx, "note": note}
             written = batch.write_in_place(**how) if in_place else batch.write(out, whole=whole, **how)
-            if record is not None:
+            if record is not None and note is not None:
                 record_corrections(record, corrected, written)
+                note.remove()
         refusals = [one.reason for one in batch.refused]
         _write_report(Coverage.of_outcomes([one.targets for one in corrected], refusals), report)
         if targets is not None:
@@ -386,6 +413,11 @@ def correct(
         _show_batch(batch, written, "" if in_place else f" into {out}", dry_run=dry_run)
     if batch.refused:
         raise RefusedError(_refusals(batch))
+
+
+def _folders(paths: Sequence[Path]) -> list[Path]:
+    """Return the folders of the programs of a command."""
+    return list(dict.fromkeys(path if path.is_dir() else path.parent for path in paths))
 
 
 def _allow_files(report: Path | None, targets: Path | None, force: bool) -> None:

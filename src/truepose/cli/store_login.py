@@ -9,6 +9,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
@@ -54,8 +55,12 @@ def read_password(question: str, from_stdin: bool, *, twice: bool = False) -> st
 
 
 @contextmanager
-def logged_in(address: str, user: str | None = None, from_stdin: bool = False) -> Iterator[tuple[Store, Identity]]:
+def logged_in(
+    address: str, user: str | None = None, from_stdin: bool = False, *, below: Path | None = None
+) -> Iterator[tuple[Store, Identity]]:
     """Open a store as a user with a password, as the user of the token, or as anybody if the store has no users.
+
+    Rows of runs that were interrupted are written: of the user's, and of those with files in or below a folder.
 
     Raises
     ------
@@ -63,7 +68,12 @@ def logged_in(address: str, user: str | None = None, from_stdin: bool = False) -
         If the store has users and nobody is named, or the log-in is refused.
     """
     with opened(address) as store:
-        yield store, identify(store, user, from_stdin)
+        from truepose.programs.corrected import NOTES
+        from truepose.store.unrecorded import settle
+
+        by = identify(store, user, from_stdin)
+        settle(store, by, {path.parent for path in below.rglob(NOTES)} if below is not None else ())
+        yield store, by
 
 
 @contextmanager
@@ -72,11 +82,14 @@ def signing(address: str, what: str, user: str | None, from_stdin: bool) -> Iter
     with opened(address) as store:
         from truepose.store import access
         from truepose.store.releases import MEANINGS
+        from truepose.store.unrecorded import settle
 
         question = f'Password, as your signature: "{MEANINGS[what]}"'
         by = None if user is not None else identify(store)
         password = read_password(question, from_stdin)
-        yield store, by or access.log_in(store, user or "", password), password
+        by = by or access.log_in(store, user or "", password)
+        settle(store, by)
+        yield store, by, password
 
 
 def identify(store: Store, user: str | None = None, from_stdin: bool = False) -> Identity:

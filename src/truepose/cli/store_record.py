@@ -2,7 +2,8 @@
 
 The log-in and the right are checked before any work, and again before files are written, so a command that may not
 record or has lost the store writes nothing. The files are written first. If the store is lost after that, they stay,
-and the command fails with a message that names how to record them later.
+and the command fails with a message that names how to record them later. Corrected programs are written with a note, by
+which the next run records them (`truepose.store.unrecorded`).
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from truepose.cli.store_login import identify
 from truepose.errors import DataError, FileError, RefusedError, StoreError, TrueposeError
 
 if TYPE_CHECKING:
+    from truepose.cell import Cell
     from truepose.error_map import ErrorMap
     from truepose.programs import CorrectedProgram, ProgramVerification
     from truepose.programs.core.program import Program
@@ -28,8 +30,10 @@ if TYPE_CHECKING:
     from truepose.samples import Samples
     from truepose.store.access import Identity
     from truepose.store.change import Change
+    from truepose.store.corrected import EarlierPrograms
     from truepose.store.roles import Action
     from truepose.store.store import Store
+    from truepose.store.unrecorded import RowsNote
 
 RecordIn = Annotated[
     str | None,
@@ -143,15 +147,34 @@ class Recorder:
         check_usable(found, released_only=released_only)
         return found
 
-    def corrected_already(self, programs: Sequence[Program]) -> dict[Path, str]:
-        """Return the programs with a file that is the output of a correction of the store, by path, with the reason."""
-        from truepose.store.access import viewing
-        from truepose.store.corrected import earlier_corrections
+    def check_robot(self, row: Mapping[str, Any], path: Path | None, cell: Cell | None, reason: str) -> None:
+        """Refuse a cell that the store, or its id, knows as of another robot than a map, unless a reason is given."""
+        import hashlib
 
-        sources = [(program.path, source) for program in programs for source in program.sources]
+        from truepose.store.access import viewing
+        from truepose.store.robots import other_robot
+
+        if cell is None or reason:
+            return
+        sha = None if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
         with viewing(self.store, self.by) as connection:
-            known = earlier_corrections(connection, [source.sha256 for _, source in sources])
-        return {path: known[one.sha256].reason(str(one.path)) for path, one in sources if one.sha256 in known}
+            if (other := other_robot(connection, row["id"], cell.robot_id, sha)) is not None:
+                remedy = "take the map of this robot, or accept it with --other-robot REASON"
+                raise RefusedError(f"{other}: each robot has errors of its own; {remedy}")
+
+    def prepare(self, corrected: Sequence[CorrectedProgram]) -> RowsNote:
+        """Store what is needed for the rows of corrections; return the note to write with their files."""
+        from truepose.store.unrecorded import prepare
+
+        return prepare(self.store, self.by, corrected)
+
+    def corrected_already(self, programs: Sequence[Program]) -> EarlierPrograms:
+        """Return the programs that hold what a correction of the store wrote."""
+        from truepose.store.access import viewing
+        from truepose.store.corrected import earlier_programs
+
+        with viewing(self.store, self.by) as connection:
+            return earlier_programs(connection, programs)
 
     def load_map(self, named: Path) -> tuple[ErrorMap, dict[str, Any]]:
         """Return a map that a file holds, or that the store has under a name or hash, with its row."""
@@ -197,14 +220,20 @@ def map_to_use(
 
 
 @contextmanager
-def recorder(address: str | None, action: Action) -> Iterator[Recorder | None]:
-    """Open the store of a command, and check that its user may record; None without a store."""
+def recorder(address: str | None, action: Action, folders: Sequence[Path] = ()) -> Iterator[Recorder | None]:
+    """Open the store of a command, and check that its user may record; None without a store.
+
+    The rows of runs that were interrupted are written: those of some folders, and of the user's other runs.
+    """
     if address is None:
         yield None
         return
     with opened(address) as store:
+        from truepose.store.unrecorded import settle
+
         made = Recorder(store, identify(store), address, action)
         made.check()
+        settle(store, made.by, folders)
         yield made
 
 

@@ -31,6 +31,7 @@ _RECALLED: Final = (
     "output_sha256",
     "record_sha256",
     "draft",
+    "other_robot",
     "made_by",
     "created",
 )
@@ -64,7 +65,7 @@ def import_folder(
 ) -> None:
     """Take in cells, samples, maps, corrections and verifications; what the store has already is not added again."""
     with (
-        logged_in(store, user, password_stdin) as (found, by),
+        logged_in(store, user, password_stdin, below=folder) as (found, by),
         working("Reading the folder", quiet=as_json) as progress,
     ):
         from truepose.store.importing import import_folder as take
@@ -192,7 +193,9 @@ def _show(done: Recall) -> None:
     rows = [
         (
             one["program"],
-            one["robot"],
+            one["robot"]
+            if one["other_robot"] is None
+            else f"{one['robot']}, with a map of another: {one['other_robot']}",
             f"{row['name']}, DRAFT" if one["draft"] else row["name"],
             one["output_sha256"][:_HASH],
             one["made_by"],
@@ -207,6 +210,9 @@ def _show(done: Recall) -> None:
     say(table("Corrected programs", columns, rows[:_SHOWN]))
     if len(rows) > _SHOWN:
         say(f"and {len(rows) - _SHOWN} more; --csv of 'truepose store recall' lists all")
+    for _, one in _every(done):
+        if one["other_robot"] is not None:
+            say(f"{one['program']}: corrected with the map of another robot, {one['robot']}: {one['other_robot']}")
     n = len(done.corrections)
     say(f"{n} with this map, {len(rows) - n} with maps updated from it.")
 

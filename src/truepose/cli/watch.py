@@ -20,6 +20,7 @@ from truepose.cli.programs import (
     OtherRobot,
     Reading,
     Require,
+    ThisRobot,
 )
 from truepose.cli.store_record import RecordIn, ReleasedOnly, map_to_use, recorder
 
@@ -40,6 +41,7 @@ def watch(
     require: Require = None,
     other_maker: OtherMaker = False,
     other_robot: OtherRobot = "",
+    this_robot: ThisRobot = False,
     accept_weak_map: AcceptWeakMap = False,
     accept: Accept = None,
     settle: Annotated[
@@ -71,12 +73,15 @@ def watch(
         "require": require,
         "other_maker": other_maker,
         "other_robot": other_robot,
+        "this_robot": this_robot,
         "accept_weak_map": accept_weak_map,
         "accept": accept or (),
     }
     with ExitStack() as stack:
-        record = stack.enter_context(recorder(store, "correct"))
+        record = stack.enter_context(recorder(store, "correct", [out_dir]))
         error_map, row = map_to_use(record, map_path, released_only=released_only)
+        if record is not None and row is not None:
+            record.check_robot(row, reading.cell_path, cell, other_robot)
         keeper = None if record is None or row is None else StoreKeeper(record, row, released_only)
         frames = reading.frames(cell or error_map.cell)
         options = reading.options(orientation=orientation)

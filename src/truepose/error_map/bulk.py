@@ -15,7 +15,7 @@ import numpy as np
 from truepose._io.archive import LARGEST_MAP
 from truepose._io.files import read_bytes
 from truepose._typing import FloatArray
-from truepose.error_map.encoding import from_bytes, to_bytes
+from truepose.error_map.encoding import from_bytes, hash_of, to_bytes
 from truepose.error_map.map import ErrorMap
 from truepose.errors import FileError
 from truepose.numerics.executor import Executor, Inputs, Task, run_in_order
@@ -46,7 +46,7 @@ def map_bytes(error_map: ErrorMap) -> bytes:
     if error_map.path is None:
         return to_bytes(error_map)
     data = read_bytes(error_map.path, LARGEST_MAP)
-    if hashlib.sha256(data).hexdigest() != error_map.hash:
+    if hash_of(data, error_map.path) != error_map.hash:
         raise FileError(error_map.path, "changed while it was used; run again")
     return data
 

@@ -32,7 +32,7 @@ from truepose.samples import Poses, Samples, on_arm
 
 
 class StoredFile(NamedTuple):
-    """The file that a map was read from, and the SHA-256 of its bytes."""
+    """The file that a map was read from, and the SHA-256 of its bytes as truepose wrote them."""
 
     path: Path
     sha256: str

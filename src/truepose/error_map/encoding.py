@@ -121,9 +121,7 @@ def from_bytes(data: bytes, path: str | Path, kind: type[_Map]) -> _Map:
     try:
         _replace_former_names(content)
         _add_later_parameters(content["predictor"])
-        error_map = kind(
-            **_fields(content, arrays, path), stored=StoredFile(Path(path), hashlib.sha256(data).hexdigest())
-        )
+        error_map = kind(**_fields(content, arrays, path), stored=StoredFile(Path(path), hash_of(data, path)))
         if len(arrays["e"]) != len(error_map.samples):
             raise ValueError(f"e has {len(arrays['e'])} rows, there are {len(error_map.samples)} samples")
         file_checks.check(error_map)
@@ -140,6 +138,17 @@ def from_bytes(data: bytes, path: str | Path, kind: type[_Map]) -> _Map:
         what = f"has no {error}" if isinstance(error, KeyError) else str(error)
         raise FileError(path, f"does not hold a whole map ({what}); fit and save the map again") from None
     return error_map
+
+
+def hash_of(data: bytes, path: str | Path) -> str:
+    """Return what names the map in a file: the SHA-256 of the file as truepose wrote it, also if it was packed again.
+
+    Raises
+    ------
+    FileError
+        As `truepose._io.archive.unpack`.
+    """
+    return hashlib.sha256(archive.as_written(data, path)).hexdigest()
 
 
 def _replace_former_names(content: dict[str, Any]) -> None:

@@ -82,7 +82,7 @@ class ErrorMap(PredictingMap):
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of the map's file, whichever version wrote it."""
+        """SHA-256 of the map's file as truepose wrote it, whichever version did; of a file packed again the same."""
         return hashlib.sha256(self._bytes).hexdigest() if self.stored is None else self.stored.sha256
 
     @property

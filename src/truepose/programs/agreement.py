@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import unicodedata
 import warnings
@@ -13,14 +14,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose.cell import Cell
-from truepose.errors import RefusedError
+from truepose.errors import DataError, RefusedError
 from truepose.programs.backups.backup import Backup, Controller
 from truepose.programs.backups.reading import chosen
 from truepose.programs.core.program import Program
 from truepose.programs.languages import LANGUAGES, language_of
 from truepose.robots import Robot, list_robots, load_robot, to_toml
 
-_OF_THE_MAP: Final = ("tool", "base", "tracker", "payload")
+_OF_THE_MAP: Final = ("tool", "reflectors", "base", "tracker", "payload")
 """Tables of a cell file that a map was fitted with, and that a correction does not read again."""
 _SOME_ANGLE: Final = float(np.deg2rad(10.0))  # signs of joints have no effect at zero
 _SAME_MM: Final = 1e-3
@@ -49,23 +50,48 @@ def check_cell(own: Cell, robot: Robot, cell: Cell, *, placed: bool = False) -> 
     return [f"{what}: 'truepose fit' or 'truepose update' takes them into a map"]
 
 
-def check_identity(own: Cell, cell: Cell, reason: str = "") -> list[str]:
+def check_identity(
+    own: Cell, cell: Cell, reason: str = "", *, stated: str | None = None, this_robot: bool = False
+) -> list[str]:
     """Refuse the cell file of another robot of the same type; return the warning where a reason is given.
 
     Robots of one type have errors of their own: the map of one makes the programs of another worse.
+
+    Parameters
+    ----------
+    own, cell : Cell
+        The cell of the map, and the cell file.
+    reason : str
+        Why the map of another robot is used.
+    stated : str, optional
+        The id of the robot of the map by what its user has stated since.
+    this_robot : bool
+        Whether the user states now that it is that of the cell file.
 
     Raises
     ------
     RefusedError
         If both cells name their robot, the names differ, and there is no reason.
+    DataError
+        If it is to be that of the cell file, which names none.
     """
-    mine, theirs = own.robot_id, cell.robot_id
+    mine, theirs = own.robot_id or stated, cell.robot_id
+    if this_robot and theirs is None:
+        raise DataError(f"--this-robot: the cell file names no robot; write {_id(mine)} under [robot] in it")
+    if mine is None and this_robot:
+        return []
     if mine is None or theirs is None:
         if mine == theirs:
             return []
         where = "the map was fitted without one" if mine is None else "the cell file states none"
-        return [f"it is not known whether this is the robot of the map: [robot] id is {mine or theirs!r}, but {where}"]
-    if mine.strip().casefold() == theirs.strip().casefold():
+        remedy = (
+            "state it once with --this-robot (Python: this_robot=True)"
+            if mine is None
+            else f"write {_id(mine)} under [robot] in the cell file"
+        )
+        what = f"it is not known whether this is the robot of the map: [robot] id is {mine or theirs!r}, but {where}"
+        return [f"{what}; if it is, {remedy}"]
+    if same_robot(mine, theirs):
         return []
     what = f"the map is of the robot {mine!r}, the cell file of {theirs!r}"
     if reason:
@@ -74,6 +100,21 @@ def check_identity(own: Cell, cell: Cell, reason: str = "") -> list[str]:
         f"{what}: each robot has errors of its own, so the map of one makes programs of another worse; take the map of "
         "this robot, or accept it with --other-robot REASON (Python: other_robot=REASON)"
     )
+
+
+def _id(robot_id: str | None) -> str:
+    return f"id = {json.dumps(robot_id or 'SERIAL NUMBER', ensure_ascii=False)}"
+
+
+def same_robot(mine: str | None, theirs: str | None) -> bool:
+    """Return whether two ids name the same robot; letters in another case do not count.
+
+    Examples
+    --------
+    >>> same_robot("A-17", " a-17"), same_robot("A-17", None)
+    (True, False)
+    """
+    return mine is not None and theirs is not None and mine.strip().casefold() == theirs.strip().casefold()
 
 
 def check_library(own: Cell, robot: Robot, *, placed: bool = False) -> list[str]:
@@ -182,6 +223,39 @@ def _check_model(backup: Backup, controller: Controller, robot: Robot | None) ->
     if better := [one for one in backup.controllers if one.contents.robot and _fits(one, robot)]:
         raise RefusedError(f"{what}, which is that of {better[0].name}; name that one, or take the map of this robot")
     warnings.warn(f"{what}: make sure that they are the same", UserWarning, stacklevel=3)
+
+
+def check_serial(controller: Controller, cells: Sequence[Cell], reason: str = "") -> None:
+    """Refuse the backup of another robot than that of a map, by the serial number in the backup; warn if unsure.
+
+    Parameters
+    ----------
+    controller : Controller
+        The controller of a backup.
+    cells : sequence of Cell
+        The cell of the map, and the cell file if there is one.
+    reason : str
+        Why the map of another robot is used.
+
+    Raises
+    ------
+    RefusedError
+        If a cell states another serial number, and there is no reason.
+    """
+    serial = controller.contents.serial
+    known = [one for cell in cells for one in (cell.robot.id, cell.report.robot_serial) if one]
+    if not serial or not known or any(same_robot(one.lstrip("0"), serial) for one in known):
+        return
+    what = f"{controller.root}: the backup is of the robot with the serial number {serial}"
+    if reason:
+        warnings.warn(f"{what}; accepted, with the reason: {reason}", UserWarning, stacklevel=2)
+        return
+    stated = [cell.report.robot_serial for cell in cells if cell.report.robot_serial]
+    if stated:
+        remedy = "take the map of this robot, or accept it with --other-robot REASON"
+        raise RefusedError(f"{what}, the map and its cell are of {stated[0]}; {remedy}")
+    remedy = f"write robot_serial = {json.dumps(serial)} under [report] in the cell file (--cell) if it is the same"
+    warnings.warn(f"{what}, the map is of {known[0]!r}: {remedy}", UserWarning, stacklevel=2)
 
 
 def _fits(controller: Controller, robot: Robot) -> bool:

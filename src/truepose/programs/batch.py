@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,11 +11,12 @@ from truepose.cell import Cell
 from truepose.error_map.map import ErrorMap
 from truepose.errors import DataError, RefusedError, TrueposeError
 from truepose.numerics.executor import Executor
-from truepose.programs.agreement import controllers_for
+from truepose.programs.agreement import check_serial, controllers_for
+from truepose.programs.backups.backup import Backup, Controller
 from truepose.programs.core.outcomes import CorrectedShare
 from truepose.programs.core.program import Program, ReadOptions
 from truepose.programs.correct import correct_program
-from truepose.programs.corrected import CorrectedProgram, names, write, write_in_place
+from truepose.programs.corrected import CorrectedProgram, Note, names, write, write_in_place
 from truepose.programs.corrector import CorrectionContext, Corrector
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.leftovers import clear_leftovers
@@ -94,7 +94,13 @@ class CorrectedBatch:
         }
 
     def write(
-        self, out_dir: str | Path, *, force: bool = False, workbook: bool = False, whole: bool = False
+        self,
+        out_dir: str | Path,
+        *,
+        force: bool = False,
+        workbook: bool = False,
+        whole: bool = False,
+        note: Note | None = None,
     ) -> list[Path]:
         """Write the corrected programs, all or none; see `CorrectedProgram.write`.
 
@@ -106,13 +112,13 @@ class CorrectedBatch:
         """
         if whole and not any(one.program.controller for one in self.corrected):
             raise DataError("whole has an effect only on the backup of a controller, and none was given")
-        written = write(self.corrected, Path(out_dir), force=force, workbook=workbook, whole=whole)
+        written = write(self.corrected, Path(out_dir), force=force, workbook=workbook, whole=whole, note=note)
         clear_leftovers(Path(out_dir), written, force=force)
         return written
 
-    def write_in_place(self, *, force: bool = False, workbook: bool = False) -> list[Path]:
+    def write_in_place(self, *, force: bool = False, workbook: bool = False, note: Note | None = None) -> list[Path]:
         """Write over the corrected programs, all or none; see `CorrectedProgram.write_in_place`."""
-        return write_in_place(self.corrected, force=force, workbook=workbook)
+        return write_in_place(self.corrected, force=force, workbook=workbook, note=note)
 
 
 def correct_programs(
@@ -176,7 +182,16 @@ def correct_programs(
     if frames is None and cell is not None:
         frames = FrameTable.from_cell(cell)
     options = replace(options or ReadOptions(), orientation=bool(settings.get("orientation", False)))
-    found = read_for(error_map, paths, frames, options, controllers, other_maker=settings.get("other_maker", False))
+    found = read_for(
+        error_map,
+        paths,
+        frames,
+        options,
+        controllers,
+        cell=cell,
+        other_maker=settings.get("other_maker", False),
+        other_robot=settings.get("other_robot", ""),
+    )
     refused = [RefusedProgram(Path(error.path), str(error)) for error in found.unreadable]
     if found.unreadable and not keep_going:
         raise found.unreadable[0]
@@ -193,7 +208,9 @@ def read_for(
     options: ReadOptions,
     controllers: Sequence[str] = (),
     *,
+    cell: Cell | None = None,
     other_maker: bool = False,
+    other_robot: str = "",
     executor: Executor | None = None,
 ) -> Reading:
     """Return the programs that a map is to correct: of a backup, those of the controller of its robot.
@@ -203,10 +220,17 @@ def read_for(
     Raises
     ------
     RefusedError
-        If a backup has no such controller or several, or there is no program.
+        If a backup has no such controller or several, is of another robot than the map, or there is no program.
     """
-    robot = CorrectionContext.of(error_map).robot
-    choose = partial(controllers_for, robot=robot, names=controllers, other_maker=other_maker)
+    known = CorrectionContext.of(error_map)
+    cells = [one for one in (known.cell, cell) if one is not None]
+
+    def choose(backup: Backup) -> list[Controller]:
+        wanted = controllers_for(backup, known.robot, controllers, other_maker=other_maker)
+        for one in wanted:
+            check_serial(one, cells, other_robot)
+        return wanted
+
     found = read_chosen(paths, frames, options, choose, executor)
     for backup in found.backups:
         if not (found.unreadable or any(one.root == backup.path for one in found.programs)):

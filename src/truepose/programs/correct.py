@@ -57,6 +57,7 @@ from truepose.programs.payloads import loads_of, tools_without_payload
 from truepose.programs.proof import proven_hashes
 from truepose.programs.reading import read_program
 from truepose.programs.record import check_not_corrected
+from truepose.programs.stated_robots import stated_robot
 
 Progress = Callable[[int, int], Any]
 _SHOWN: Final = 3  # reasons that a message names
@@ -76,6 +77,7 @@ def correct_program(
     require: float | str | None = None,
     other_maker: bool = False,
     other_robot: str = "",
+    this_robot: bool = False,
     accept_weak_map: bool = False,
     accept: Collection[str] = (),
     keep_going: bool = False,
@@ -112,6 +114,9 @@ def correct_program(
     other_robot : str
         The reason why the map of another robot of the same type is used, which the record keeps; by default a cell
         whose ``[robot] id`` is another one is refused.
+    this_robot : bool
+        Whether a map that names no robot is that of the robot that the cell names; kept when the result is written, so
+        that it is stated once.
     accept_weak_map : bool
         Whether to use a map that is not shown to be better than no map; see `truepose.ErrorMap.correct`.
     accept : collection of str
@@ -168,9 +173,9 @@ def correct_program(
     on_guard = limits.on_guard
     known = CorrectionContext.of(error_map)
     program = _read(path, cell or known.cell, frames, options, orientation)
-    warnings = _check_robot(error_map, program, cell, other_maker, other_robot, accept)
+    warnings = _check_robot(error_map, program, cell, other_maker, (other_robot, this_robot), accept)
     if proven:
-        check_not_corrected(program, known.path)
+        warnings = [*check_not_corrected(program, known.path), *warnings]
     resolution = max(resolution, program.finest)
     own = _reasons(program, "refuse") if on_guard == "refuse" else {}
     several = keep_going and len({source.path.with_suffix("") for source in program.sources}) > 1
@@ -243,20 +248,32 @@ def correct_program(
     _write_digits(program, outcomes, change.shape[1], resolution)
     joints.finish()
     hashes = proven_hashes(outcomes, resolution) if proven else {}
-    map_hash = error_map.hash if isinstance(error_map, HasHash) else None
     return CorrectedProgram(
         program,
         outcomes,
         on_guard,
         resolution,
-        map_hash,
+        _hash(error_map),
         hashes,
         limits,
         continuity,
         tuple(warnings),
         known.path,
         refused_files,
+        robot=_robot(known.cell, cell, other_robot, this_robot),
     )
+
+
+def _hash(error_map: Corrector) -> str | None:
+    return error_map.hash if isinstance(error_map, HasHash) else None
+
+
+def _robot(own: Cell | None, cell: Cell | None, reason: str, this_robot: bool) -> dict[str, str]:
+    """Return what the record says of the robot; see `CorrectedProgram.robot`."""
+    mine, theirs = (one and one.robot_id for one in (own, cell))
+    stated = theirs if this_robot and mine is None else None
+    ids = {"map": mine, "cell": theirs, "other_robot": reason, "stated": stated}
+    return {name: text for name, text in ids.items() if text}
 
 
 def _leave_unsafe(outcomes: Outcomes, unsafe: dict[int, str], on_guard: Policy, modules: RefusedModules | None) -> None:
@@ -282,7 +299,7 @@ def _check_robot(
     program: Program,
     cell: Cell | None,
     other_maker: bool,
-    other_robot: str,
+    whose: tuple[str, bool],
     accept: Collection[str],
 ) -> list[str]:
     """Refuse a program or a cell of another robot than the map's; return the warnings."""
@@ -296,7 +313,8 @@ def _check_robot(
     if known.cell is not None:
         warnings += check_library(known.cell, known.robot, placed=placed)
         if cell is not None:
-            warnings += check_identity(known.cell, cell, other_robot)
+            stated = stated_robot(_hash(error_map), known.path)
+            warnings += check_identity(known.cell, cell, whose[0], stated=stated, this_robot=whose[1])
             warnings += check_cell(known.cell, known.robot, cell, placed=placed)
     warnings += check_maker(known.robot, program, other_maker=other_maker)
     if isinstance(error_map, ChecksArm) and not error_map.arm_check.checked:

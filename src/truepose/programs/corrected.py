@@ -5,19 +5,20 @@ from __future__ import annotations
 import csv
 import io
 import json
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any, BinaryIO, Final, NamedTuple
+from typing import Any, BinaryIO, Final, NamedTuple, Protocol
 
 from truepose._io import files
 from truepose._io.workbook import to_workbook
 from truepose._io.zips import is_zip, on_disk
 from truepose._version import version
 from truepose.compensation import LimitsInForce, Policy
-from truepose.errors import FileError
+from truepose.errors import FileError, RecoveryWarning
 from truepose.programs import history
 from truepose.programs.core.outcomes import CorrectedShare, Outcomes
 from truepose.programs.core.paths import Continuity
@@ -25,10 +26,13 @@ from truepose.programs.core.program import Program
 from truepose.programs.core.source import Source, unified_diff
 from truepose.programs.leftovers import remember_written
 from truepose.programs.record import FORMAT, SCHEMA, SUFFIX, encoded, head_csv, joined, json_around, rows
+from truepose.programs.stated_robots import state_robot, stated_robot
 from truepose.programs.whole import Change, CorrectedFiles
 
 ORIGINAL: Final = ".original"
 """The ending that the kept original of a program corrected in place gets."""
+NOTES: Final = ".truepose-*.rows"
+"""The pattern of the notes of corrections whose rows a store does not have yet; see `truepose.store.unrecorded`."""
 
 
 class RenderedParts(NamedTuple):
@@ -45,6 +49,13 @@ class RenderedParts(NamedTuple):
     files: Mapping[Path, Callable[[], Iterable[bytes]]]
     json_rows: Callable[[], Iterable[bytes]]
     csv_rows: Callable[[], Iterable[bytes]]
+
+
+class Note(Protocol):
+    """A file that is written together with corrected programs, so that a store gets their rows whatever happens."""
+
+    def write(self, commit: files.Commit, folder: Path, records: Sequence[Path]) -> None:
+        """Write it in a folder as a part of a commit; `records` are the paths of the records."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,6 +89,9 @@ class CorrectedProgram:
     map_state : str, optional
         The state of the map in a store at the time of the correction: ``draft``, ``released`` or ``superseded``; None
         without a store.
+    robot : dict of str to str
+        What is known of the robot: the id of the ``map``'s, that of the ``cell``'s in which it corrects, the reason why
+        the map of another one is used (``other_robot``), and the id that is ``stated`` now for a map without one.
     rendered : RenderedParts, optional
         The corrected files and the rows of the records, if a worker has written them already.
     """
@@ -94,6 +108,7 @@ class CorrectedProgram:
     map_path: Path | None = None
     refused: Mapping[Path, str] = field(default_factory=dict)
     map_state: str | None = None
+    robot: Mapping[str, str] = field(default_factory=dict)
     rendered: RenderedParts | None = None
 
     def __repr__(self) -> str:
@@ -139,16 +154,10 @@ class CorrectedProgram:
             "schema": SCHEMA,
             "written_by": f"truepose {version()}",
             "program": str(self.program.path),
-            "files": [
-                {
-                    "file": str(source.path),
-                    "sha256_before": source.sha256,
-                    "sha256_after": self.hashes[source.path],
-                }
-                for source in self.program.sources
-            ],
+            "files": [self._file(source) for source in self.program.sources],
             "map_sha256": self.map_hash,
             **({} if self.map_state is None else {"map_state": self.map_state}),
+            "robot": dict(self.robot),
             "on_guard": self.on_guard,
             "limits": self.limits.to_dict(),
             "resolution_mm": self.resolution,
@@ -158,6 +167,15 @@ class CorrectedProgram:
             "warnings": list(self.warnings),
             "refused": {str(path): reason for path, reason in self.refused.items()},
         }
+
+    def _file(self, source: Source) -> dict[str, str]:
+        """Return a file of the record: its name, its hashes, and those of positions by which a copy is recognised."""
+        before, after = source.sha256, self.hashes[source.path]
+        found = {"file": str(source.path), "sha256_before": before, "sha256_after": after}
+        if before == after:
+            return found
+        kept = history.written_positions(self.targets, source.path, history.RECORDED)
+        return {**found, "positions": history.to_text(kept)}
 
     def write_records(self, json_file: BinaryIO, csv_file: BinaryIO) -> None:
         """Write both records, some thousand targets at a time; the JSON has one line per target."""
@@ -254,8 +272,10 @@ def _write_records(commit: files.Commit, one: CorrectedProgram, paths: Sequence[
             file.write(to_workbook(csv.reader(io.StringIO(one.to_csv()))))
 
 
-def write_in_place(corrected: Sequence[CorrectedProgram], *, force: bool = False, workbook: bool = False) -> list[Path]:
-    """Write over programs, all or none; see `CorrectedProgram.write_in_place`."""
+def write_in_place(
+    corrected: Sequence[CorrectedProgram], *, force: bool = False, workbook: bool = False, note: Note | None = None
+) -> list[Path]:
+    """Write over programs, all or none; see `CorrectedProgram.write_in_place`. A note lies beside the first record."""
     for source in (source for one in corrected for source in one.program.sources):
         if on_disk(source.path) != source.path:
             raise FileError(source.path, "lies in a .zip, which is never written over; give --out, with --whole a .zip")
@@ -272,9 +292,12 @@ def write_in_place(corrected: Sequence[CorrectedProgram], *, force: bool = False
             raise FileError(backup, "exists already and would be lost; move it away")
     records = [_records(one.program, one.program.folder, workbook) for one in corrected]
     files.check_outputs(*chain.from_iterable(records), force=force, inputs=[source.path for source in changed])
-    history.remember(corrected)
+    _remember(corrected)
     # copies and records first: a program that is corrected is never without them
+    json_paths = [paths[0] for paths in records]
     with files.Commit() as commit:
+        if note is not None and json_paths:
+            note.write(commit, json_paths[0].parent, json_paths)
         for backup, source in zip(backups, changed, strict=True):
             with commit.open(backup, like=source.path) as file:
                 file.writelines(source.stored([source.data]))
@@ -284,6 +307,8 @@ def write_in_place(corrected: Sequence[CorrectedProgram], *, force: bool = False
             for source in (s for s in one.program.sources if one.hashes[s.path] != s.sha256):
                 with commit.open(source.path, expected=source.sha256) as file:
                     file.writelines(one.content(source))
+    if note is None:
+        _tell_unrecorded({path.parent for path in json_paths})
     return [*(source.path for source in changed), *chain.from_iterable(records), *backups]
 
 
@@ -298,6 +323,7 @@ def write(
     force: bool = False,
     workbook: bool = False,
     whole: bool = False,
+    note: Note | None = None,
 ) -> list[Path]:
     """Write the files of programs and their records, all or none; see `CorrectedProgram.write`.
 
@@ -315,8 +341,10 @@ def write(
     written += [path for backup in backups for path in (backup.list_path, *backup.copies)]
     sources = {on_disk(source.path) for one in corrected for source in one.program.sources}
     files.check_outputs(*written, force=force, inputs=[*sources, *(p for b in backups for p in b.copies.values())])
-    history.remember(corrected)
+    _remember(corrected)
     with files.Commit() as commit:
+        if note is not None and corrected:
+            note.write(commit, out_dir, [paths[0] for paths in records])
         for one, some, goals, record in zip(corrected, kept, programs, records, strict=True):
             for source, goal in zip(some, goals, strict=True):
                 with commit.open(goal, like=on_disk(source.path)) as file:
@@ -327,7 +355,29 @@ def write(
     for backup in backups:
         backup.keep_times()
     remember_written(out_dir, written)
+    if note is None:
+        _tell_unrecorded([out_dir])
     return written
+
+
+def _remember(corrected: Sequence[CorrectedProgram]) -> None:
+    """Keep what later runs must know of programs that are about to be written, and what is stated of their map."""
+    history.remember(corrected)
+    stated = {(one.map_hash, one.map_path, one.robot["stated"]) for one in corrected if "stated" in one.robot}
+    for map_hash, map_path, robot_id in stated:
+        if map_hash is not None and stated_robot(map_hash, map_path) != robot_id:
+            state_robot(map_hash, map_path, robot_id)
+
+
+def _tell_unrecorded(folders: Iterable[Path]) -> None:
+    """Warn of corrections in some folders that a store does not have, because a run was killed before."""
+    for path in (path for folder in folders for path in folder.glob(NOTES)):
+        try:
+            address = json.loads(path.read_text(encoding="utf-8"))["address"]
+        except (OSError, ValueError, KeyError, TypeError):
+            address = "that they were for"
+        what = f"corrections of an interrupted run have no row in the store {address}"
+        warnings.warn(f"{path.parent}: {what}; the next run with it (--store) records them", RecoveryWarning, 3)
 
 
 def _is_written(one: CorrectedProgram, source: Source, whole: bool) -> bool:

@@ -3,7 +3,8 @@
 Every correction that is written adds a line of JSON to two files: ``MAP.corrected`` beside the map, and
 ``corrected.jsonl`` in the user's own state folder (``TRUEPOSE_STATE``, or else the usual place of the system). A line
 holds the hash of the program before and after, and a hash of each corrected position. So a copy under another name, in
-another folder, for another map, or with some lines edited is recognised.
+another folder, for another map, or with some lines edited is recognised. Records and stores keep some of these hashes,
+too, for other users and machines.
 """
 
 from __future__ import annotations
@@ -14,43 +15,65 @@ import json
 import os
 import sys
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import FileError, RefusedError
+from truepose.programs.core.columns import TargetColumns
+from truepose.programs.core.joint_targets import MOST_JOINTS
 from truepose.programs.core.outcomes import Outcomes
 from truepose.programs.core.program import Program
 
 HashArray = NDArray[np.uint64]
 _KEPT: Final = 1024
 """Largest number of listed positions of a program: those of the smallest hashes, which are the same in every copy."""
+RECORDED: Final = 64
+"""Largest number of positions of a file that a record and a store keep, chosen in the same way."""
 _ENOUGH: Final = 3
 """Number of corrected positions that identify a corrected program; of up to four targets, half of them."""
-_REMEDY: Final = "do not correct it twice: take the original"
+REMEDY: Final = "do not correct it twice: take the original"
+_NAMED: Final = 3  # targets that a message names
 
 
-@dataclass(frozen=True, eq=False)
-class _Entry:
+class Entry(NamedTuple):
+    """A correction of a file: its time, the name of the file or of its record, and the SHA-256 of the result."""
+
     date: str
     file: str
     after: str
 
 
-@dataclass(frozen=True, eq=False)
-class _List:
-    """The entries of a list; the hashes of all their positions in order, and the number of the entry of each."""
+NamesEntry = Callable[[Entry], str]
 
-    entries: tuple[_Entry, ...] = ()
+
+@dataclass(frozen=True, eq=False)
+class KnownCorrections:
+    """Corrections; the hashes of all their positions in order, and the number of the entry of each."""
+
+    entries: tuple[Entry, ...] = ()
     positions: HashArray = field(default_factory=lambda: np.empty(0, np.uint64))
     owner: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+
+    @classmethod
+    def of(cls, found: Iterable[tuple[Entry, HashArray]]) -> KnownCorrections:
+        """Return corrections with the hashes of their positions; what is there twice counts once."""
+        entries: dict[tuple[str, bytes], Entry] = {}
+        positions = [np.empty(0, np.uint64)]
+        for entry, hashes in found:
+            if entries.setdefault((entry.after, hashlib.sha256(hashes.tobytes()).digest()), entry) is entry:
+                positions.append(hashes)
+        owner = np.repeat(np.arange(len(entries)), [len(hashes) for hashes in positions[1:]])
+        flat = np.concatenate(positions)
+        order = np.argsort(flat, kind="stable")
+        return cls(tuple(entries.values()), flat[order], owner[order])
 
     @cached_property
     def number(self) -> Mapping[str, int]:
@@ -63,6 +86,105 @@ class _List:
         counts = end - first
         at = np.arange(counts.sum()) + np.repeat(end - np.cumsum(counts), counts)
         return np.bincount(self.owner[at], minlength=len(self.entries))
+
+
+@dataclass(frozen=True, eq=False)
+class ProgramPositions:
+    """The hashes of the positions and joints of a program's targets that can be corrected, by its files."""
+
+    program: Program
+    files: Mapping[Path, HashArray]
+
+    @classmethod
+    def of(cls, program: Program) -> ProgramPositions:
+        """Return those of a program."""
+        found: dict[Path, list[HashArray]] = {}
+        for columns, numbers in _numbers(program):
+            found.setdefault(columns.path, []).append(hash_rows(numbers))
+        return cls(program, {path: np.unique(np.concatenate(hashes)) for path, hashes in found.items()})
+
+    @cached_property
+    def all(self) -> HashArray:
+        """Those of all files together."""
+        return np.unique(np.concatenate([np.empty(0, np.uint64), *self.files.values()]))
+
+    def find(self, known: KnownCorrections) -> Match | None:
+        """Return the correction that made the program or a file of it, or that some of its positions are from."""
+        after = {source.sha256: source.path for source in self.program.sources}
+        if numbers := [known.number[sha256] for sha256 in after if sha256 in known.number]:
+            entry = known.entries[number := min(numbers)]
+            return Match(number, entry, after[entry.after], 0, True)
+        counts = known.shared(self.all)
+        if not counts.any():
+            return None
+        same = counts >= _enough(len(self.all))
+        for own in self.files.values() if not same.any() else ():  # a small module of a large project
+            same |= known.shared(own) >= _enough(len(own))
+        number = int(np.flatnonzero(same)[0]) if same.any() else int(np.argmax(counts))
+        its = known.positions[known.owner == number]
+        where = max(self.files, key=lambda path: np.isin(self.files[path], its).sum())
+        return Match(number, known.entries[number], where, int(counts[number]), bool(same.any()))
+
+    def names(self, known: KnownCorrections) -> str:
+        """Return the names of the first targets whose positions are among those of corrections."""
+        found: list[str] = []
+        for columns, numbers in _numbers(self.program):
+            rows = np.flatnonzero(np.isin(hash_rows(numbers), known.positions)).tolist()
+            found += [f"{columns.name(i)} in line {columns.line[i]}" for i in rows]
+        return ", ".join(found[:_NAMED]) + (" and others" if len(found) > _NAMED else "")
+
+
+class Match(NamedTuple):
+    """A correction whose result a program holds.
+
+    Attributes
+    ----------
+    number : int
+        The number of the correction among those that were compared.
+    entry : Entry
+        The correction.
+    where : Path
+        The file, or the program.
+    count : int
+        The number of its positions; 0 if a file is the result as it was written.
+    same : bool
+        Whether this is enough to refuse the program.
+    """
+
+    number: int
+    entry: Entry
+    where: Path
+    count: int
+    same: bool
+
+    def words(self, which: str, positions: ProgramPositions, known: KnownCorrections, remedy: str = REMEDY) -> str:
+        """Return why the program is refused, or what to know of it; `which` names the correction."""
+        if self.same:
+            what = f"holds {self.count} positions that were corrected" if self.count else "was corrected already"
+            return f"{self.where}: {what}{which}; {remedy}"
+        return (
+            f"{self.where}: {self.count} of its {len(positions.all)} positions are results of a correction{which} and "
+            f"are corrected a second time: {positions.names(known)}; take them from the original"
+        )
+
+
+def _enough(n: int) -> int:
+    """Return how many of n positions identify a corrected program."""
+    return min(_ENOUGH, max(1, (n + 1) // 2))
+
+
+def is_enough(count: int, n: int) -> bool:
+    """Return whether a number of corrected positions among n identifies a corrected program."""
+    return count >= _enough(n)
+
+
+def _numbers(program: Program) -> Iterator[tuple[TargetColumns, FloatArray]]:
+    """Yield the targets that can be corrected with their positions (n, 3) [mm] or joints (n, 6)."""
+    for _, columns in program.correctable_columns():
+        yield columns, columns.values[:, :3]
+    for _, columns in program.joint_columns():
+        if columns.joints is not None:
+            yield columns, columns.joints
 
 
 class Remembered(Protocol):
@@ -136,27 +258,48 @@ def _lines(corrected: Remembered) -> Iterator[str]:
             "file": source.path.name,
             "sha256_before": source.sha256,
             "sha256_after": after,
-            "positions": base64.b64encode(_written(corrected, source.path).astype("<u8").tobytes()).decode(),
+            "positions": to_text(written_positions(corrected.targets, source.path)),
         }
         # what a killed run left of a line ends before this one
         yield f"\n{json.dumps(entry)}\n"
 
 
-def _written(corrected: Remembered, path: Path) -> HashArray:
-    """Return the smallest hashes of the positions that changed in a file."""
+def written_positions(targets: Outcomes, path: Path, most: int = _KEPT) -> HashArray:
+    """Return the smallest hashes of the positions and joints that a correction changed in a file."""
     kept = np.empty(0, np.uint64)
-    for first, columns in corrected.targets.program.targets.chunks(path):
-        after = corrected.targets.after[first : first + len(columns), :3]
+    for first, columns in targets.program.targets.chunks(path):
+        after = targets.after[first : first + len(columns), :3]
         changed = np.isfinite(after).all(axis=1) & (after != columns.values[:, :3]).any(axis=1)
-        q, joints = np.empty((0, 6)), corrected.targets.joints
+        q, joints = np.empty((0, MOST_JOINTS)), targets.joints
         if joints is not None and columns.joints is not None:
             q = joints.after[first : first + len(columns)]
             q = q[(np.isfinite(q) & (q != columns.joints)).any(axis=1)]
-        kept = np.unique(np.concatenate([kept, _hashes(after[changed]), _hashes(q)]))[:_KEPT]
+        kept = np.unique(np.concatenate([kept, hash_rows(after[changed]), hash_rows(q)]))[:most]
     return kept
 
 
-def _hashes(p: FloatArray) -> HashArray:
+def recorded_positions(targets: Iterable[Mapping[str, Any]], *, after: bool = True) -> dict[str, HashArray]:
+    """Return the hashes of the positions and joints that a correction changed, by file, from the lines of its record.
+
+    `after`: whether those after the correction, the smallest ones; otherwise all those before it.
+    """
+    rows: dict[str, tuple[list[Any], list[Any]]] = {}
+    for one in targets:
+        at = int("joints" in one)
+        before, changed = ((one["before_mm"], one["after_mm"]), (one.get("joints"), one.get("joints_after")))[at]
+        if before != changed and None not in before and None not in changed:
+            rest = [0.0] * (MOST_JOINTS - len(changed)) if at else []
+            rows.setdefault(str(one["file"]), ([], []))[at].append([*(changed if after else before), *rest])
+    most = RECORDED if after else None
+    return {
+        file: np.unique(np.concatenate([hash_rows(np.array(p).reshape(-1, 3)), hash_rows(np.array(q).reshape(-1, 6))]))[
+            :most
+        ]
+        for file, (p, q) in rows.items()
+    }
+
+
+def hash_rows(p: FloatArray) -> HashArray:
     """Return a hash of each position (n, 3) [mm] or row of joints (n, 6) [the controller's unit] to six decimals."""
     mixed = np.zeros(len(p), np.uint64)
     for column in np.rint(np.nan_to_num(p) * 1e6).astype(np.int64).astype(np.uint64).T:
@@ -165,6 +308,16 @@ def _hashes(p: FloatArray) -> HashArray:
         mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
         mixed ^= mixed >> np.uint64(31)
     return mixed
+
+
+def to_text(positions: HashArray) -> str:
+    """Return hashes of positions as text."""
+    return base64.b64encode(positions.astype("<u8").tobytes()).decode()
+
+
+def from_text(text: str) -> HashArray:
+    """Return the hashes of positions that `to_text` wrote."""
+    return np.frombuffer(base64.b64decode(text), "<u8").astype(np.uint64)
 
 
 def append(path: Path, lines: str) -> None:
@@ -182,7 +335,7 @@ def append(path: Path, lines: str) -> None:
         os.close(descriptor)
 
 
-def check(program: Program, map_path: Path | None, remedy: str = _REMEDY) -> None:
+def check(program: Program, map_path: Path | None, remedy: str = REMEDY) -> None:
     """Refuse a program that holds corrected targets; `remedy` ends the message.
 
     Raises
@@ -193,29 +346,43 @@ def check(program: Program, map_path: Path | None, remedy: str = _REMEDY) -> Non
     FileError
         If a list exists and cannot be read.
     """
-    after = {source.sha256: source.path for source in program.sources}
-    found = [_hashes(columns.values[:, :3]) for _, columns in program.correctable_columns()]
-    found += [_hashes(columns.joints) for _, columns in program.joint_columns() if columns.joints is not None]
-    own = np.unique(np.concatenate([np.empty(0, np.uint64), *found]))
-    enough = min(_ENOUGH, max(1, (len(own) + 1) // 2))
-    for store in stores(map_path):
-        listed = _listed(store)
-        shared = listed.shared(own)
-        known = [listed.number[sha256] for sha256 in after if sha256 in listed.number]
-        if not (numbers := [*np.flatnonzero(shared >= enough).tolist(), *known]):
+    check_known(program, listed(map_path), remedy)
+
+
+def check_known(
+    program: Program, lists: Iterable[tuple[KnownCorrections, NamesEntry]], remedy: str = REMEDY
+) -> list[str]:
+    """Refuse a program that a listed correction made; return warnings of those that some of its targets are from.
+
+    Each list has a function that names one of its corrections; see `check`.
+    """
+    own = ProgramPositions.of(program)
+    told: dict[str, str] = {}
+    for known, which in lists:
+        if (match := own.find(known)) is None:
             continue
-        entry = listed.entries[number := min(numbers)]
-        where = after.get(entry.after, program.path)
-        same = f"holds {shared[number]} positions that were corrected"
-        what = "was corrected already" if entry.after in after else same
-        raise RefusedError(f"{where}: {what} ({entry.file}, {entry.date[:10]}, listed in {store}); {remedy}")
+        words = match.words(which(match.entry), own, known, remedy)
+        if match.same:
+            raise RefusedError(words)
+        told.setdefault(match.entry.after, words)
+    return list(told.values())
 
 
-def _listed(store: Path) -> _List:
+def listed(map_path: Path | None) -> Iterator[tuple[KnownCorrections, NamesEntry]]:
+    """Yield the lists of `stores`, each with a function that names one of its corrections."""
+    for store in stores(map_path):
+        yield _listed(store), partial(_in_list, store)
+
+
+def _in_list(store: Path, entry: Entry) -> str:
+    return f" ({entry.file}, {entry.date[:10]}, listed in {store})"
+
+
+def _listed(store: Path) -> KnownCorrections:
     """Return what a list says; it is read again only if the file has changed."""
     try:
         status = store.stat() if store.is_file() else None
-        return _List() if status is None else _read(store, status.st_mtime_ns, status.st_size)
+        return KnownCorrections() if status is None else _read(store, status.st_mtime_ns, status.st_size)
     except OSError as error:
         raise FileError(
             store, f"cannot be read: {error.strerror or error}; corrected programs are listed there"
@@ -223,26 +390,20 @@ def _listed(store: Path) -> _List:
 
 
 @lru_cache(maxsize=4)
-def _read(store: Path, _changed: int, _size: int) -> _List:
-    entries: dict[tuple[str, bytes], _Entry] = {}  # what was corrected again in the same way is listed again
-    positions = [np.empty(0, np.uint64)]
+def _read(store: Path, _changed: int, _size: int) -> KnownCorrections:
+    return KnownCorrections.of(_entries(store))
+
+
+def _entries(store: Path) -> Iterator[tuple[Entry, HashArray]]:
     with store.open("rb") as file:
         for number, line in enumerate(file, 1):
             if not line.strip():
                 continue
             try:
-                entry, places = _entry(json.loads(line))
+                fields = json.loads(line)
+                entry = Entry(str(fields["date"]), str(fields["file"]), str(fields["sha256_after"]))
+                positions = from_text(fields["positions"])
             except (ValueError, KeyError, TypeError, RecursionError):
                 warnings.warn(f"{store}:{number}: is no readable record of a correction and was left out", stacklevel=2)
             else:
-                if entries.setdefault((entry.after, hashlib.sha256(places.tobytes()).digest()), entry) is entry:
-                    positions.append(places)
-    owner = np.repeat(np.arange(len(entries)), [len(places) for places in positions[1:]])
-    flat = np.concatenate(positions)
-    order = np.argsort(flat, kind="stable")
-    return _List(tuple(entries.values()), flat[order], owner[order])
-
-
-def _entry(fields: dict[str, Any]) -> tuple[_Entry, HashArray]:
-    positions = np.frombuffer(base64.b64decode(fields["positions"]), "<u8").astype(np.uint64)
-    return _Entry(str(fields["date"]), str(fields["file"]), str(fields["sha256_after"])), positions
+                yield entry, positions

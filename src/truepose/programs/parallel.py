@@ -71,16 +71,18 @@ def correct_in_tasks(
     shared = share_map(error_map, executor)
     here: dict[int, Outcome] = {}
     places: list[int] = []
+    warned: list[list[str]] = []
 
     def tasks() -> Iterator[Task]:
         for place, program in enumerate(programs):
             try:
-                check_not_corrected(program, error_map.path)
+                told = check_not_corrected(program, error_map.path)
                 task = _task(shared, program, error_map.path, cell, settings)
             except (TrueposeError, pickle.PicklingError, TypeError, AttributeError):  # the last three: not to be sent
                 here[place] = _tried(program, error_map, cell, settings)
             else:
                 places.append(place)
+                warned.append(told)
                 yield task
 
     spool = _Spool()
@@ -88,7 +90,10 @@ def correct_in_tasks(
     following = 0
     for index, sent in executor.run(correct_task, tasks()):
         program = programs[places[index]]
-        found[places[index]] = sent if isinstance(sent, TrueposeError) else _received(program, sent, spool)
+        done = sent if isinstance(sent, TrueposeError) else _received(program, sent, spool)
+        if isinstance(done, CorrectedProgram):
+            done = replace(done, warnings=(*warned[index], *done.warnings))
+        found[places[index]] = done
         found |= here
         here.clear()
         progress(following + len(found), len(programs))

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from itertools import takewhile
+from itertools import chain, dropwhile, takewhile
 from pathlib import Path
 from typing import Any, Final, TextIO
 
@@ -22,7 +22,7 @@ from truepose._io.files import read_bytes
 from truepose._io.folders import files_within
 from truepose._io.zips import is_zip, on_disk
 from truepose._typing import FloatArray
-from truepose.errors import FileError, RefusedError
+from truepose.errors import FileError
 from truepose.programs import history
 from truepose.programs.core.columns import TargetColumns
 from truepose.programs.core.joint_targets import MOST_JOINTS, JointOutcomes
@@ -30,6 +30,7 @@ from truepose.programs.core.outcomes import DONE, Outcomes
 from truepose.programs.core.paths import Continuity
 from truepose.programs.core.program import Program
 from truepose.programs.core.target import Target
+from truepose.programs.history import Entry, HashArray, KnownCorrections, from_text, recorded_positions
 
 FORMAT: Final = "truepose corrections"
 SCHEMA: Final = 1
@@ -45,6 +46,7 @@ _COLUMNS: Final = (
     *("ex_mm", "ey_mm", "ez_mm", "sx_mm", "sy_mm", "sz_mm", "bend_mm", "turn_deg", "spacing_mm"),
     "difference_mm",
 )
+_NONE: Final = np.empty(0, np.uint64)
 _quoted = json.encoder.encode_basestring
 
 
@@ -202,8 +204,10 @@ def _templates(target: Target, angles: int, joints: int) -> tuple[str, str]:
     return json_form, head + ",".join(["%s"] * (16 + 2 * angles + joints + 3)) + "\n"
 
 
-def check_not_corrected(program: Program, map_path: Path | None) -> None:
-    """Refuse a program that a record beside it names as a result, or that a list holds (`truepose.programs.history`).
+def check_not_corrected(program: Program, map_path: Path | None) -> list[str]:
+    """Refuse a program that a record beside it or a list (`truepose.programs.history`) has as a result.
+
+    Return warnings of the corrections that some of its targets are from.
 
     Raises
     ------
@@ -212,13 +216,12 @@ def check_not_corrected(program: Program, map_path: Path | None) -> None:
     FileError
         If a record cannot be read.
     """
-    hashes = {source.sha256: source.path for source in program.sources}
-    for results in _results(program):
-        for after, path in hashes.items():
-            if after in results:
-                earlier = f"was corrected already, see {results[after].name}"
-                raise RefusedError(f"{path}: {earlier}; do not correct it twice: take the original")
-    history.check(program, map_path)
+    recorded = ((known, _in_record) for known in _results(program))
+    return history.check_known(program, chain(recorded, history.listed(map_path)))
+
+
+def _in_record(entry: Entry) -> str:
+    return f", see {entry.file}"
 
 
 def records_of(program: Program) -> Iterator[tuple[Path, list[tuple[str, str]]]]:
@@ -242,8 +245,7 @@ def _folders(program: Program) -> list[Path]:
     return [*beside, *(parent for parent in above if parent not in own)]
 
 
-_Results = dict[str, Path]  # the hash of each corrected file, with the record or list that has it
-_READ: Final[ContextVar[dict[tuple[Any, Path], _Results] | None]] = ContextVar("records", default=None)
+_READ: Final[ContextVar[dict[tuple[Any, Path], KnownCorrections] | None]] = ContextVar("records", default=None)
 
 
 @contextmanager
@@ -256,7 +258,7 @@ def records_read_once() -> Iterator[None]:
         _READ.reset(token)
 
 
-def _results(program: Program) -> Iterator[_Results]:
+def _results(program: Program) -> Iterator[KnownCorrections]:
     """Yield the results of corrections by the records beside and above a program, then by the lists of backups."""
     inside = _in_zip(program)
     for folder in _folders(program):
@@ -268,7 +270,7 @@ def _results(program: Program) -> Iterator[_Results]:
     yield _listed(path for path in inside if path.name == CHANGED)
 
 
-def _once(read: Callable[[Path], _Results], folder: Path) -> _Results:
+def _once(read: Callable[[Path], KnownCorrections], folder: Path) -> KnownCorrections:
     known = _READ.get()
     if known is None:
         return read(folder)
@@ -277,32 +279,45 @@ def _once(read: Callable[[Path], _Results], folder: Path) -> _Results:
     return known[read, folder]
 
 
-def _recorded_in(folder: Path) -> _Results:
+def _recorded_in(folder: Path) -> KnownCorrections:
     return _recorded(sorted(folder.glob(f"*{SUFFIX}")))
 
 
-def _listed_in(folder: Path) -> _Results:
+def _listed_in(folder: Path) -> KnownCorrections:
     return _listed(path for path in [folder / CHANGED] if path.is_file())
 
 
-def _recorded(records: Iterable[Path]) -> _Results:
-    found: _Results = {}
-    for path in records:
-        for before, after in hashes_of(path):
-            if before != after:
-                found.setdefault(after, path)
-    return found
+def _recorded(records: Iterable[Path]) -> KnownCorrections:
+    return KnownCorrections.of(one for path in records for one in _changed(path))
 
 
-def _listed(lists: Iterable[Path]) -> _Results:
+def _changed(path: Path) -> Iterator[tuple[Entry, HashArray]]:
+    """Yield the files that a record's correction changed, with the hashes of their positions."""
+    files = [one for one in _files_of(path) if one["sha256_before"] != one["sha256_after"]]
+    older = {} if all("positions" in one for one in files) else recorded_positions(_targets_of(path))
+    for one in files:
+        try:
+            kept = older.get(one["file"], _NONE) if older else from_text(one.get("positions", ""))
+        except (ValueError, TypeError):
+            raise _unreadable(path) from None
+        yield Entry("", path.name, one["sha256_after"]), kept
+
+
+def _targets_of(path: Path) -> Iterator[Mapping[str, Any]]:
+    """Yield the targets of a record."""
+    with _text(path) as lines:
+        for line in dropwhile(lambda line: line.rstrip() != TARGETS, lines):
+            if line.lstrip().startswith('{"file"'):
+                yield json.loads(line.rstrip().removesuffix(","))
+
+
+def _listed(lists: Iterable[Path]) -> KnownCorrections:
     """Return the results by the lists of changed files of corrected backups."""
-    found: _Results = {}
+    found = []
     for path in lists:
         lines = [line.split(",") for line in read_bytes(path).decode("utf-8", "replace").splitlines()]
-        for line in lines:
-            if len(line) > 2 and line[-2] != line[-1]:
-                found.setdefault(line[-1], path)
-    return found
+        found += [Entry("", path.name, line[-1]) for line in lines if len(line) > 2 and line[-2] != line[-1]]
+    return KnownCorrections.of((entry, _NONE) for entry in found)
 
 
 def _in_zip(program: Program) -> list[Path]:
@@ -319,8 +334,14 @@ def _text(path: Path) -> TextIO:
 
 def hashes_of(path: Path) -> list[tuple[str, str]]:
     """Return the hashes before and after of a record's files."""
+    return [(entry["sha256_before"], entry["sha256_after"]) for entry in _files_of(path)]
+
+
+def _files_of(path: Path) -> list[dict[str, Any]]:
+    """Return the files of a record, each with its hashes."""
     try:
-        return [(entry["sha256_before"], entry["sha256_after"]) for entry in head_of(path)["files"]]
+        found = [{**entry, "sha256_after": entry["sha256_after"]} for entry in head_of(path)["files"]]
+        return [entry for entry in found if entry["sha256_before"] is not None]
     except (KeyError, TypeError):
         raise _unreadable(path) from None
 

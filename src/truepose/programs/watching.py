@@ -16,7 +16,7 @@ from truepose.errors import FileError, StoreError, TrueposeError
 from truepose.programs.core.outcomes import CorrectedShare
 from truepose.programs.core.program import Program, ReadOptions
 from truepose.programs.correct import correct_program
-from truepose.programs.corrected import CorrectedProgram, names, write
+from truepose.programs.corrected import CorrectedProgram, Note, names, write
 from truepose.programs.corrector import Corrector
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.languages import language_of
@@ -81,6 +81,9 @@ class Keeper(Protocol):
 
     def marked(self, corrected: CorrectedProgram) -> CorrectedProgram:
         """Return a corrected program whose record states what is known of its map."""
+
+    def prepare(self, corrected: CorrectedProgram) -> Note:
+        """Return what is written with the files, so that the correction is kept whatever happens."""
 
     def keep(self, corrected: CorrectedProgram, written: Sequence[Path]) -> None:
         """Keep the correction of a program whose files are written."""
@@ -201,10 +204,12 @@ class FolderWatch:
                     self.keeper.allow(program)
                 corrected = correct_program(program, self.error_map, self.cell, **self.settings)
                 files.overwrite(force := self._may_overwrite(corrected))
+                note = None
                 if self.keeper is not None:  # again, as the correction took its time
                     self.keeper.check()
                     corrected = self.keeper.marked(corrected)
-                written = write([corrected], self.out_dir, force=force)
+                    note = self.keeper.prepare(corrected)
+                written = write([corrected], self.out_dir, force=force, note=note)
         except StoreError:
             raise
         except TrueposeError as error:

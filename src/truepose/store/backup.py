@@ -16,6 +16,7 @@ import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import IO, Any, BinaryIO, Final
 
@@ -28,6 +29,7 @@ from truepose.errors import FileError
 from truepose.store import audit, migrate, schema
 from truepose.store.audit import Head
 from truepose.store.change import Change
+from truepose.store.corrected import list_positions
 from truepose.store.hashing import line_writer
 from truepose.store.progress import SILENT, Progress
 from truepose.store.store import Store, blob_content
@@ -37,7 +39,7 @@ FORMAT: Final = "truepose store backup"
 _MANIFEST: Final = "manifest.json"
 _MANY: Final = 1000  # rows read or inserted at once
 _PART: Final = 2**20
-_TABLES: Final = (schema.blob, *schema.AUDITED, schema.audit)
+_TABLES: Final = (schema.blob, *schema.AUDITED, schema.position, schema.audit)
 _SHA: Final = re.compile(r"[0-9a-f]{64}")
 _DAMAGED: Final = "use another backup"
 
@@ -155,7 +157,7 @@ def restore(path: str | Path, address: str | Path, *, progress: Progress = SILEN
                 for sha in _members(archive):
                     change.blob(archive.read(f"blobs/{sha}"))
             with _indexed_after(connection):
-                for table in _TABLES[1:]:
+                for table in (table for table in _TABLES[1:] if table.name in manifest["rows"]):
                     progress(f"Restoring {table.name}")
                     done, total = 0, manifest["rows"].get(table.name, 0)
                     for some in _read_rows(archive, store, connection, table.name):
@@ -164,6 +166,8 @@ def restore(path: str | Path, address: str | Path, *, progress: Progress = SILEN
             if faults := check_trail(connection, progress).faults:
                 raise FileError(path, f"{len(faults)} faults, first: {faults[0]}; {_DAMAGED}")
             migrate.upgrade(connection)
+            if schema.position.name not in manifest["rows"]:
+                list_positions(connection, partial(blob_content, store, connection))
             note = {"head": moved.head.hash, "from": manifest["schema"], "to": schema.VERSION, "program": version()}
             change = Change(connection, "truepose", store.blobs)
             change.note("store.restore", note)
@@ -262,7 +266,7 @@ def _checked(file: BinaryIO, path: Path) -> Moved:
                 raise FileError(path, f"has {len(shas)} blobs, expected {manifest['rows']['blob']}; {_DAMAGED}")
     except (zipfile.BadZipFile, zlib.error, EOFError, KeyError, NotImplementedError, OSError) as error:
         raise FileError(path, f"is not a complete backup ({error}); {_DAMAGED}") from error
-    rows = sum(count for name, count in manifest["rows"].items() if name not in ("audit", "blob"))
+    rows = sum(count for name, count in manifest["rows"].items() if name not in ("audit", "blob", "position"))
     return Moved(rows, len(shas), Head(manifest["sequence"], manifest["head"]))
 
 

@@ -132,9 +132,9 @@ class _Importer:
                 self._add_verification(change, one)
 
     def _add_map(self, change: Change, one: FileObject) -> None:
-        if find(change.connection, schema.map, sha256=one.sha256) is not None:
-            return
         error_map: ErrorMap = one.content
+        if find(change.connection, schema.map, sha256=error_map.hash) is not None:
+            return
         source = Path(error_map.samples.source)
         places = (source, one.path.parent / source, one.path.parent / source.name)
         sets = [self._samples[place.resolve()] for place in places if place.resolve() in self._samples][:1]

@@ -7,29 +7,32 @@ What is there already is found by its hash, so a file that comes twice is one ro
 from __future__ import annotations
 
 import hashlib
-import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
+import numpy as np
 import sqlalchemy as sa
 
+from truepose._io.archive import as_written
 from truepose.cell import Cell
 from truepose.error_map import ErrorMap
 from truepose.errors import DataError
 from truepose.programs import ProgramVerification
-from truepose.programs.record import TARGETS
+from truepose.programs.history import recorded_positions
 from truepose.samples import Samples
 from truepose.store import records, schema
 from truepose.store.change import Change
-from truepose.store.corrected import check_original
+from truepose.store.corrected import add_positions, check_original, targets_of
 from truepose.store.names import LONGEST, name_key
-from truepose.store.rows import find
+from truepose.store.robots import identify_robot, other_robot, state_robot
+from truepose.store.rows import OTHER_ROBOT, find
 
 _CORRECTED: Final = ("correct", "clip")
 _CELL: Final = "cell"
+_NONE: Final = np.empty(0, np.uint64)
 FindBytes = Callable[[str], bytes | None]
 """A function from a SHA-256 to the content with it; None if it is not at hand."""
 
@@ -71,9 +74,8 @@ def cell_name(path: Path) -> str:
 
 def add_cell(change: Change, file: CellFile) -> int:
     """Add a version of a cell with its robot; a version that the store has is found by its content."""
-    robot_id = records.put_robot(
-        change, file.name, model=file.cell.robot.model, serial=file.cell.report.robot_serial or None
-    )
+    robot_id = records.put_robot(change, file.name, model=file.cell.robot.model, serial=file.cell.robot_id or None)
+    identify_robot(change, robot_id, file.cell, file.name)
     same = {"robot_id": robot_id, "key": name_key(file.name), "sha256": hashlib.sha256(file.data).hexdigest()}
     if (known := find(change.connection, schema.cell, **same)) is not None:
         return int(known["id"])
@@ -107,10 +109,10 @@ def add_map(
     reading_sets: tuple[int, ...] = (),
     parent_id: int | None = None,
 ) -> int:
-    """Add a map as a draft."""
+    """Add a map as a draft; a file that was packed again is the map that the store has."""
     figures = {"n": len(error_map.samples), "expected": error_map.expected, "worth": error_map.worth.to_dict()}
     name = path.name.removesuffix(".truepose")
-    data, predictor = path.read_bytes(), error_map.predictor_name
+    data, predictor = as_written(path.read_bytes(), path), error_map.predictor_name
     return records.put_map(change, records.NewMap(cell_id, name, data, predictor, figures, reading_sets, parent_id))
 
 
@@ -144,18 +146,26 @@ def add_corrections(change: Change, record: bytes, head: Mapping[str, Any], cont
     Raises
     ------
     DataError
-        If the store does not have the map, a file before or after the correction is not at hand, or the one before is
-        itself the output of a correction.
+        If the store does not have the map, has it as of another robot and no reason is recorded, a file before or after
+        the correction is not at hand, or the one before is itself the output of a correction.
     """
     row = map_of(change.connection, head["map_sha256"])
     robot_id = change.row(schema.cell, row["cell_id"])["robot_id"]
     changed = [one for one in head["files"] if one["sha256_before"] != one["sha256_after"]] or head["files"]
-    counts = _counts(record)
+    robot: Mapping[str, str] = head.get("robot", {})
+    reason = str(robot.get("other_robot", ""))
+    if (other := other_robot(change.connection, row["id"], robot.get("cell"))) is not None and not reason:
+        raise DataError(f"{other}: correct with the map of this robot, or accept it with --other-robot REASON")
+    if other is None and (stated := robot.get("stated")):
+        state_robot(change, robot_id, str(stated))
+    targets = list(targets_of(record))
+    counts = _counts(targets)
+    originals, written = (recorded_positions(targets, after=after) for after in (False, True))
     options = {key: head[key] for key in ("on_guard", "limits", "resolution_mm", "map_state") if key in head}
     made = []
     for one in changed:
         if one["sha256_before"] != one["sha256_after"]:
-            check_original(change.connection, one["file"], one["sha256_before"])
+            check_original(change.connection, one["file"], one["sha256_before"], originals.get(one["file"], _NONE))
         before, after = (_needed(content, one["file"], one[key], key) for key in ("sha256_before", "sha256_after"))
         program_id = records.put_program(change, robot_id, program_name(one["file"]), before)
         verdicts = counts.get(one["file"], Counter())
@@ -170,6 +180,9 @@ def add_corrections(change: Change, record: bytes, head: Mapping[str, Any], cont
             refused=verdicts["refuse"],
         )
         made.append(records.put_correction(change, new))
+        if reason:
+            records.put_acceptance(change, made[-1], OTHER_ROBOT, reason)
+        add_positions(change.connection, made[-1], written.get(one["file"], _NONE))
     return made
 
 
@@ -231,21 +244,9 @@ def _needed(content: FindBytes, file: str, sha256: str, key: str) -> bytes:
     return data
 
 
-def _counts(record: bytes) -> dict[str, Counter[str]]:
+def _counts(targets: Iterable[Mapping[str, Any]]) -> dict[str, Counter[str]]:
     """Return how many targets of each file have which verdict."""
     found: dict[str, Counter[str]] = {}
-    for target in _targets(record):
+    for target in targets:
         found.setdefault(str(target.get("file", "")), Counter())[str(target.get("verdict", ""))] += 1
     return found
-
-
-def _targets(record: bytes) -> Iterator[Mapping[str, Any]]:
-    """Yield the targets of a record, which are a line each; records of other programs are read as a whole."""
-    text = record.decode("utf-8-sig", "replace")
-    _, mark, lines = text.partition(f"\n{TARGETS}\n")
-    if not mark:
-        yield from json.loads(text).get("targets", [])
-        return
-    for line in lines.splitlines():
-        if line.lstrip().startswith("{"):
-            yield json.loads(line.rstrip().removesuffix(","))

@@ -181,6 +181,11 @@ def put_correction(change: Change, new: NewCorrection) -> int:
     )
 
 
+def put_acceptance(change: Change, correction_id: int, kind: str, reason: str) -> int:
+    """Add why something that would refuse a correction was accepted."""
+    return _once(change, schema.acceptance, {"correction_id": correction_id, "kind": kind}, reason=reason)
+
+
 def put_verification(
     change: Change,
     kind: str,

@@ -12,6 +12,8 @@ import sqlalchemy as sa
 from truepose.errors import DataError
 from truepose.store import schema
 
+OTHER_ROBOT: Final = "other robot"
+"""The kind of acceptance of a map of another robot."""
 LONGEST_PAGE: Final = 1000
 """The largest number of rows of a page."""
 
@@ -116,8 +118,8 @@ def recall_all(connection: sa.Connection, map_id: int) -> list[dict[str, Any]]:
 
 
 def _with_programs(*columns: Any) -> sa.Select[Any]:
-    """Return the query of corrections, each with its program and robot."""
-    correction, program, robot = schema.correction, schema.program, schema.robot
+    """Return the query of corrections, each with its program, its robot, and why another robot's map was accepted."""
+    correction, program, robot, accepted = schema.correction, schema.program, schema.robot, schema.acceptance
     return (
         sa.select(
             *columns,
@@ -125,8 +127,10 @@ def _with_programs(*columns: Any) -> sa.Select[Any]:
             program.c.sha256.label("program_sha256"),
             robot.c.id.label("robot_id"),
             robot.c.name.label("robot"),
+            accepted.c.reason.label("other_robot"),
         )
         .select_from(correction)
+        .outerjoin(accepted, (accepted.c.correction_id == correction.c.id) & (accepted.c.kind == OTHER_ROBOT))
         .join(program, program.c.id == correction.c.program_id)
         .join(robot, robot.c.id == program.c.robot_id)
     )

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import sqlalchemy as sa
 
-VERSION: Final = 3
+VERSION: Final = 4
 """The version of this schema: the number of the newest migration."""
 LARGEST_BLOB: Final = 64 * 2**20
 """The largest blob in bytes that a database keeps itself, without a folder of blobs."""
@@ -208,6 +208,21 @@ correction = _table(
 correction.append_constraint(
     sa.UniqueConstraint(correction.c.program_id, correction.c.map_id, correction.c.record_sha256)
 )
+position = _table(  # by which a copy of a corrected program is recognised; made from the records
+    "position",
+    sa.Column("hash", _INTEGER, primary_key=True, autoincrement=False),
+    sa.Column("correction_id", _INTEGER, sa.ForeignKey("correction.id"), primary_key=True, autoincrement=False),
+)
+acceptance = _table(  # what was accepted by name for a correction, such as the map of another robot
+    "acceptance",
+    _id(),
+    _of("correction"),
+    _name("kind"),
+    _text("reason"),
+    _time(),
+    _name("made_by"),
+)
+acceptance.append_constraint(sa.UniqueConstraint(acceptance.c.correction_id, acceptance.c.kind))
 verification = _table(
     "verification",
     _id(),
@@ -266,5 +281,5 @@ for _columns in (
 ):
     sa.Index(None, *_columns)
 
-AUDITED: Final = tuple(table for table in metadata.sorted_tables if table not in (blob, audit))
+AUDITED: Final = tuple(table for table in metadata.sorted_tables if table not in (blob, position, audit))
 """The tables whose rows have entries in the audit trail, each after those that it refers to."""

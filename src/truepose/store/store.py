@@ -6,6 +6,7 @@ import hashlib
 import uuid
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -19,6 +20,7 @@ from truepose.store import anchor, audit, schema
 from truepose.store.address import backend_of
 from truepose.store.audit import Head
 from truepose.store.change import Change
+from truepose.store.corrected import list_positions
 from truepose.store.engines.base import Backend
 from truepose.store.migrate import check_version, upgrade, version_of
 
@@ -176,6 +178,7 @@ class Store:
             if before == schema.VERSION:
                 return before, before
             upgrade(connection)
+            list_positions(connection, partial(blob_content, self, connection))
             change = Change(connection, user, self.blobs)
             change.note("store.migrate", {"from": before, "to": schema.VERSION, "program": version()})
         anchor.write(self.backend.anchor, change.head)

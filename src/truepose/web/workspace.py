@@ -16,6 +16,7 @@ from fastapi import Depends, Request
 
 from truepose.cell import Cell, load_cell
 from truepose.error_map import ErrorMap, load_map
+from truepose.error_map.encoding import hash_of
 from truepose.errors import FileError
 from truepose.jobs import JobQueue
 from truepose.programs.record import SUFFIX as RECORD_SUFFIX
@@ -282,11 +283,17 @@ class Workspace:
         raise missing("this map")
 
     def hash_of(self, file: StoredFile) -> str:
-        """Return the SHA-256 of a file."""
+        """Return the hash of a map file."""
         key = (file.path, file.path.stat().st_mtime_ns, file.size)
         with self._lock:
             loaded = self._maps.get(key)
-        return hashlib.sha256(file.path.read_bytes()).hexdigest() if loaded is None else loaded.hash
+        if loaded is not None:
+            return loaded.hash
+        data = file.path.read_bytes()
+        try:
+            return hash_of(data, file.path)
+        except FileError:
+            return hashlib.sha256(data).hexdigest()  # no map; its page says what it is
 
     def _cell(self, folder: Path) -> CellFolder:
         name = folder.relative_to(self.root).as_posix()

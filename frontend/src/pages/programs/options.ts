@@ -26,6 +26,7 @@ export const DEFAULTS: Required<CorrectionOptions> = {
   require: '',
   other_maker: false,
   other_robot: '',
+  this_robot: false,
   accept_weak_map: false,
   accept: [],
   whole: false,
@@ -52,6 +53,7 @@ export const MORE_FLAGS: readonly Flag[] = [
   'controller_kinematics',
   'system_modules',
   'other_maker',
+  'this_robot',
   'accept_weak_map',
   'xlsx',
 ]
@@ -64,6 +66,7 @@ const OF_CORRECTION: readonly OptionName[] = [
   'require',
   'other_maker',
   'other_robot',
+  'this_robot',
   'accept_weak_map',
   'accept',
   'whole',

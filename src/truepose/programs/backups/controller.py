@@ -89,6 +89,8 @@ class Contents:
         What the user must know, such as programs that are there in a form that cannot be read.
     robot, version : str
         The robot and the version of the controller's software, as the backup names them; empty where it does not.
+    serial : str
+        The serial number of the robot, if the backup names one.
     """
 
     programs: Sequence[tuple[Path, ...]]
@@ -96,6 +98,7 @@ class Contents:
     warnings: Sequence[str] = ()
     robot: str = ""
     version: str = ""
+    serial: str = ""
 
 
 class BackupFormat(Protocol):

@@ -87,6 +87,7 @@ def contents(root: Path, files: Sequence[Path]) -> Contents:
         warnings,
         " ".join(filter(None, [texts.get("$TRAFONAME", "").lstrip("#"), archive.get("robname", "")])),
         archive.get("version", "") or texts.get("$V_R1MADA", ""),
+        archive.get("irserialnr", "").lstrip("0") if root.name.lower() == "r1" else "",  # it names the first robot
     )
 
 
@@ -250,7 +251,7 @@ def _is_list_of_points(file: Path, files: Iterable[Path]) -> bool:
 
 
 def _archive(root: Path, files: Sequence[Path]) -> dict[str, str]:
-    """Return the robot's name and the version from the am.ini of an archive."""
+    """Return the robot's name, its serial number and the version from the am.ini of an archive."""
     homes = (root.parent, root.parent.parent)
     for file in files:
         if file.name.lower() == "am.ini" and file.parent in homes:

@@ -48,6 +48,7 @@ def contents(root: Path, files: Sequence[Path]) -> Contents:
             programs.append(file)
     about = {file: _about(file) for file in programs if file.suffix.lower() == ".urp"}
     models = sorted({_MODELS.get(one.get("robotSerialNumber", "")[4:6], "") for one in about.values()} - {""})
+    serials = sorted({one.get("robotSerialNumber", "") for one in about.values()} - {""})
     versions = sorted({one.get("lastSavedIn", "") for one in about.values()} - {""})
     warnings = [*_missing(root, own, about), *_serials(root, about)]
     if written:
@@ -60,6 +61,7 @@ def contents(root: Path, files: Sequence[Path]) -> Contents:
         warnings,
         " and ".join(models),
         versions[-1] if versions else "",
+        serials[0] if len(serials) == 1 else "",
     )
 
 

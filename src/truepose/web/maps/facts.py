@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ from truepose.error_map import ErrorMap
 from truepose.error_map.figures import fit_figures
 from truepose.errors import TrueposeError, one_line
 from truepose.predictors import KinematicKriging
+from truepose.programs.agreement import same_robot
 from truepose.verification import summary
 from truepose.web.cache import ResultCache
 from truepose.web.maps.arrays import box
@@ -45,6 +47,8 @@ class MapEntry(BaseModel):
     before: Lengths | None = None
     after: Lengths | None = None
     weak: bool | None = Field(None, description="not shown to be better than no map")
+    robot_id: str | None = Field(None, description="id of the robot that was measured")
+    other_robot: bool = Field(False, description="whether the cell file beside it states the id of another robot")
 
 
 class MapFacts(MapEntry):
@@ -78,6 +82,20 @@ def entry(workspace: Workspace, cache: ResultCache, file: StoredFile) -> MapEntr
     return MapEntry(sha=sha, **about, **known)
 
 
+def of_cell(cell: CellFolder, entries: Sequence[MapEntry]) -> list[MapEntry]:
+    """Return the entries of a cell's maps: those of its own robot first, the others marked as of another one."""
+    try:
+        own = cell.load().robot_id
+    except (TrueposeError, OSError):
+        own = None
+    marked = [one.model_copy(update={"other_robot": _is_other(own, one.robot_id)}) for one in entries]
+    return sorted(marked, key=lambda one: one.other_robot)
+
+
+def _is_other(own: str | None, robot_id: str | None) -> bool:
+    return own is not None and robot_id is not None and not same_robot(own, robot_id)
+
+
 def _short(error_map: ErrorMap) -> dict[str, Any]:
     return {
         "predictor": error_map.predictor_name,
@@ -85,6 +103,7 @@ def _short(error_map: ErrorMap) -> dict[str, Any]:
         "before": {"of": "samples after registration", **summary(error_map.e)},
         "after": {"of": "leave-one-out", **summary(error_map.leave_one_out().residual)},
         "weak": error_map.worth.weak,
+        "robot_id": error_map.cell.robot_id,
     }
 
 
@@ -125,6 +144,8 @@ def _foreign(cell: CellFolder, error_map: ErrorMap) -> str | None:
         return None
     if robot.name != error_map.robot.name:
         return f"the map is of {error_map.robot.name}, the cell file states {robot.name}"
+    if _is_other(stated.robot_id, error_map.cell.robot_id):
+        return f"the map is of the robot {error_map.cell.robot_id}, the cell file of {stated.robot_id}"
     if robot.dof != error_map.robot.dof or not np.allclose(robot.fixed, error_map.robot.fixed, atol=1e-6):
         return f"the map has other nominal parameters of {robot.name} than the cell file"
     if error_map.cell.tool.fit == "none" and not np.allclose(

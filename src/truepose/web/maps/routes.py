@@ -21,7 +21,7 @@ from truepose.report.knowledge import knowledge
 from truepose.samples import Poses
 from truepose.web.cache import InCache
 from truepose.web.maps import arrays, tables
-from truepose.web.maps.facts import MapEntry, MapFacts, entry, facts
+from truepose.web.maps.facts import MapEntry, MapFacts, entry, facts, of_cell
 from truepose.web.maps.variograms import Language, Refit, Space, Variogram, variogram
 from truepose.web.workspace import CellFolder, InCell, InJobs, InWorkspace
 
@@ -118,8 +118,8 @@ def predictors() -> list[PredictorEntry]:
 
 @router.get("/cells/{cell}/maps")
 def list_maps(cell: InCell, workspace: InWorkspace, cache: InCache) -> list[MapEntry]:
-    """Return the maps of a cell, newest first."""
-    return [entry(workspace, cache, file) for file in cell.files("map")]
+    """Return the maps of a cell, newest first; those of another robot than the cell's come last."""
+    return of_cell(cell, [entry(workspace, cache, file) for file in cell.files("map")])
 
 
 @router.post("/cells/{cell}/maps", status_code=202)

@@ -46,6 +46,7 @@ class CorrectionOptions(ReadingOptions):
     require: _Word = ""
     other_maker: bool = False
     other_robot: _Word = ""
+    this_robot: bool = False
     accept_weak_map: bool = False
     accept: Annotated[list[_Word], Field(max_length=50)] = []
     whole: bool = False
