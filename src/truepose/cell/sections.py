@@ -289,13 +289,16 @@ class Box(CellSection):
 
 
 class Measuring(CellSection):
-    """``[measuring]``: motion and dwell of the measuring program, and the visibility of the reflector."""
+    """``[measuring]``: motion and dwell of the measuring program, and the visibility of the reflector.
+
+    With ``approach = "both"`` joints come to their poses from either side, so that their lost motion is measured.
+    """
 
     dwell_s: Positive = 2.0
     speed_percent: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=100)] = 20.0
     trigger_output: Annotated[int, Field(strict=True, ge=1)] | None = None
     approach_deg: NotNegative = 3.0
-    approach: Literal["below", "both"] = "below"
+    approach: Literal["below", "both"] = "both"
     limit_margin_deg: NotNegative = 5.0
     reflector_axis: tuple[Number, Number, Number] | None = None
     acceptance_deg: Positive = 30.0

@@ -9,6 +9,7 @@ import numpy as np
 
 from truepose._typing import BoolArray, FloatArray
 from truepose.cell import Cell
+from truepose.error_map.lost_motion import REVERSALS
 from truepose.error_map.points import reflector_columns
 from truepose.errors import DataError
 from truepose.predictors import Predictor
@@ -19,7 +20,6 @@ from truepose.robots.nongeometric import GRAVITY, STEEL
 from truepose.samples import Poses, Samples, approach_from_order
 
 _COLUMNS: Final = {"temperature": "temp_C", "payload": "load_kg"}
-_REVERSALS: Final = 3  # samples from each side that tell the backlash of a joint
 _KELVIN: Final = 2.0  # smaller differences of temperature are not modelled: 0.05 mm at 2 m
 _LOAD: Final = 0.01  # the same of payloads, in parts of the larger one
 _COMPLIANCE: Final = 1e-6  # rad/Nm, of the weakest main joint of large arms
@@ -72,7 +72,7 @@ def modelled_conditions(samples: Samples, cell: Cell, *, drifting: bool = False)
     check_work(samples, cell)
     if "approach" in known:
         both = np.minimum((known["approach"] > 0).sum(axis=0), (known["approach"] < 0).sum(axis=0))
-        if both.max() < _REVERSALS:
+        if both.max() < REVERSALS:
             del known["approach"]
     work = {name: [value] for name, value in work_of(cell).items()}
     work["payload"] = [*work.get("payload", []), *(one.mass_kg for one in cell.conditions.payloads.values())]

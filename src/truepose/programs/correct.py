@@ -187,8 +187,10 @@ def correct_program(
         more = {"limits": limits, "accept_weak_map": accept_weak_map, "accept": accept}
         if known.robot is not None:
             near = joints_along_paths(known.robot, program.targets, known.tf_flange_tool)
-    reversing = isinstance(error_map, KnowsApproach) and error_map.knows_approach
+    reversing = isinstance(error_map, KnowsApproach) and error_map.depends_on_approach
     before = poses_before(program) if reversing else None
+    if before is not None:
+        warnings += _from_any_side(error_map, int(np.isnan(before).any(axis=(1, 2)).sum()))
     asked_map = error_map.at_work(cell.conditions) if cell and isinstance(error_map, KnowsWork) else error_map
     if cell and asked_map is not error_map:
         warnings.append(f"corrected for the conditions at work that the cell states: {cell.conditions.words}")
@@ -268,6 +270,15 @@ def _leave_unsafe(outcomes: Outcomes, unsafe: dict[int, str], on_guard: Policy, 
     for i, why in unsafe.items():
         outcomes.leave(np.array([i]), why)
     outcomes.leave_circles()
+
+
+def _from_any_side(error_map: Corrector, n: int) -> list[str]:
+    """Return the warning of n targets of which the side is not known, by a map of samples from one side."""
+    facts = error_map.facts if n and isinstance(error_map, KnowsFacts) else []
+    if not any(fact.code == "one-sided" for fact in facts):
+        return []
+    where = "they are taken to come from that of the samples, which did not measure the lost motion"
+    return [f"{n} targets: it is not known from which side their joints come; {where}"]
 
 
 def _limits_in_force(error_map: Corrector, cell: Cell | None, **options: Any) -> LimitsInForce:

@@ -118,11 +118,11 @@ class LimitsCorrections(Protocol):
 
 @runtime_checkable
 class KnowsApproach(Protocol):
-    """A corrector that may know the backlash of joints; `correct` then takes `before`, see `ErrorMap.correct`."""
+    """A corrector that may depend on lost motion of joints; `correct` then takes `before`, see `ErrorMap.correct`."""
 
     @property
-    def knows_approach(self) -> bool:
-        """Whether the corrections depend on the direction of approach."""
+    def depends_on_approach(self) -> bool:
+        """Whether corrections or their standard deviations depend on the direction of approach."""
 
 
 @runtime_checkable
