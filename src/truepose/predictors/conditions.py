@@ -85,10 +85,11 @@ class Usual:
     temperature, temperature_std : float [°C], [K]
         The mean of the samples' temperatures, and the standard deviation of one that is not known: their range, at
         least 2 K, because an arm that warmed up during the measurement goes on to do so.
-    payload, largest_payload : float [kg]
-        The mean and the largest of the samples' payloads.
-    centre : tuple of float [mm], flange frame
-        The mean of the centres of mass.
+    payload, largest_payload, payload_std : float [kg]
+        The mean and the largest of the samples' payloads, and the standard deviation of one that is not known: that of
+        a uniform distribution over their range.
+    centre, centre_std : tuple of float [mm], flange frame
+        The mean of the centres of mass, and the standard deviation of one that is not known, in the same way.
     times, passed : tuple of float [s], [1]
         The times between which the station moves evenly, quantiles of the samples' times; and the mean share of each
         step of its walk that samples have passed.
@@ -98,7 +99,9 @@ class Usual:
     temperature_std: float = 0.0
     payload: float = 0.0
     largest_payload: float = 1.0
+    payload_std: float = 0.0
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    centre_std: tuple[float, float, float] = (0.0, 0.0, 0.0)
     times: tuple[float, ...] = (0.0, 1.0)
     passed: tuple[float, ...] = (0.0,)
 
@@ -114,8 +117,10 @@ class Usual:
         if "payload" in given and np.isfinite(given["payload"]).any():
             found["payload"] = float(np.nanmean(given["payload"]))
             found["largest_payload"] = max(float(np.nanmax(given["payload"])), 1.0)
+            found["payload_std"] = float(_uniform_std(given["payload"])[0])
         if "centre" in given and np.isfinite(given["centre"]).any():
             found["centre"] = tuple(np.nanmean(given["centre"], axis=0).tolist())
+            found["centre_std"] = tuple(_uniform_std(given["centre"]).tolist())
         if "time" in given and np.ptp(known := given["time"][np.isfinite(given["time"])]) > 0.0:
             steps = int(np.clip(len(known) // _SAMPLES_PER_STEP, 1, _MOST_STEPS))
             found["times"] = tuple(np.unique(np.quantile(known, np.linspace(0.0, 1.0, steps + 1))).tolist())
@@ -125,6 +130,11 @@ class Usual:
     def walked(self, time: FloatArray) -> FloatArray:
         """Return the share of each step of the station's walk at times (n,) [s], less the mean; 0 where not known."""
         return np.where(np.isnan(time)[:, None], 0.0, _shares(time, self.times) - self.passed)
+
+
+def _uniform_std(values: FloatArray) -> FloatArray:
+    """Return the standard deviation of a uniform distribution over the range of each column (n, k), (k,)."""
+    return np.asarray((np.nanmax(values, axis=0) - np.nanmin(values, axis=0)) / np.sqrt(12.0))
 
 
 def _shares(time: FloatArray, times: Sequence[float]) -> FloatArray:
