@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -100,8 +100,15 @@ def check_work(samples: Samples, cell: Cell) -> None:
 
 
 def work_of(cell: Cell) -> dict[str, float]:
-    """Return the temperature [°C] and the payload [kg] at work, where the cell states them."""
-    stated = {"temperature": cell.conditions.temperature_C, "payload": cell.conditions.payload_kg}
+    """Return the temperature [°C] and the payload [kg] at work, where the cell states them.
+
+    The payload is that of ``[conditions]``; by default that of ``[payload]``, where this has a mass.
+    """
+    payload = cell.conditions.payload_kg
+    stated = {
+        "temperature": cell.conditions.temperature_C,
+        "payload": (cell.payload.mass_kg or None) if payload is None else payload,
+    }
     return {name: value for name, value in stated.items() if value is not None}
 
 
@@ -137,6 +144,8 @@ def models(predictor: Predictor, condition: str) -> bool:
 def not_modelled(predictor: Predictor, samples: Samples, cell: Cell, p_cmd: FloatArray) -> float:
     """Return the variance in each direction due to conditions at work that a predictor does not know [mm²].
 
+    Conditions that differ among the samples are in their noise; only what is farther from the mean adds to it.
+
     Parameters
     ----------
     predictor : Predictor
@@ -150,7 +159,9 @@ def not_modelled(predictor: Predictor, samples: Samples, cell: Cell, p_cmd: Floa
     """
     known, reach = _unknown_to(predictor, samples, cell), float(np.linalg.norm(p_cmd, axis=1).max())
     effects = [
-        _effect(name, value - known[name].mean(), reach) for name, value in work_of(cell).items() if name in known
+        _effect(name, np.sqrt(max((value - known[name].mean()) ** 2 - known[name].var(), 0.0)), reach)
+        for name, value in work_of(cell).items()
+        if name in known
     ]
     return float(np.sum(np.square(effects))) / 3.0
 
@@ -193,6 +204,46 @@ def strange_conditions(predictor: Predictor, samples: Samples, cell: Cell, other
     return said
 
 
+class AtWork(NamedTuple):
+    """A condition of the samples, and its value at work.
+
+    Attributes
+    ----------
+    name : str
+        ``temperature`` or ``payload``.
+    samples, work : str
+        The range of the samples, and the value at work, with their units; "" where this is not stated.
+    size : float [K] or [kg]
+        The range of the samples, or the distance of the value at work to it.
+    """
+
+    name: str
+    samples: str
+    work: str
+    size: float
+
+
+def not_covered(predictor: Predictor, samples: Samples, cell: Cell) -> list[AtWork]:
+    """Return the conditions at work that widen standard deviations.
+
+    Those that a model has and that are not stated for work, and those that are stated and that no sample had.
+    """
+    known, work, found = conditions_of(samples, cell), work_of(cell), []
+    for name in _COLUMNS:
+        if name not in known:
+            continue
+        own = known[name][np.isfinite(known[name])]
+        if name not in work:
+            if models(predictor, name):
+                found.append(AtWork(name, _range(name, own), "", float(np.ptp(own))))
+            continue
+        value = np.array([work[name]])
+        if _beyond({name: own}, {name: value})[name][0]:
+            beyond = float(np.maximum(own.min() - value, value - own.max())[0])
+            found.append(AtWork(name, _range(name, own), _range(name, value), beyond))
+    return found
+
+
 def _beyond(known: Mapping[str, FloatArray], given: Mapping[str, FloatArray | None]) -> dict[str, BoolArray]:
     """Return where given conditions are beyond the known ones, by name."""
     found = {}
@@ -209,11 +260,20 @@ def _range(condition: str, values: FloatArray) -> str:
 
 
 def _unknown_to(predictor: Predictor, samples: Samples, cell: Cell) -> dict[str, FloatArray]:
-    """Return the temperatures and payloads of samples that a predictor does not know, by name."""
-    used = predictor.conditions if isinstance(predictor, Conditional) else ()
+    """Return the temperatures and payloads of samples that are not in a predictor's model, by name."""
     return {
-        name: values for name, values in conditions_of(samples, cell).items() if name in _COLUMNS and name not in used
+        name: values
+        for name, values in conditions_of(samples, cell).items()
+        if name in _COLUMNS and not _considers(predictor, name)
     }
+
+
+def _considers(predictor: Predictor, name: str) -> bool:
+    """Return whether a predictor has a temperature or payload in its model; one without effect was found to have none.
+
+    A payload acts through compliance: a model without compliance has it in its input, but not in its model.
+    """
+    return models(predictor, name) if name == "payload" else knows(predictor, name)
 
 
 def _least(condition: str, values: FloatArray) -> float:

@@ -55,6 +55,8 @@ CODES: Final = {
         "joints came from one side at all samples; targets that come from the other have a prior of the lost motion",
     ),
     "sides-not-stated": Kind("told", "the samples do not state from which side the joints came"),
+    "work-not-stated": Kind("widens", "a temperature or payload that differs among the samples is not stated for work"),
+    "work-not-measured": Kind("widens", "the temperature or payload at work is one that no sample had"),
     "arm-checked": Kind("told", "the arm's model agrees with the positions that the controller shows"),
     "arm-not-checked": Kind("told", "no positions of the controller were at hand to check the arm's model"),
     "registration": Kind("told", "what the registration found beside station and tool"),

@@ -8,7 +8,7 @@ from operator import itemgetter
 
 import numpy as np
 
-from truepose.error_map.conditions import conditions_of
+from truepose.error_map.conditions import conditions_of, not_covered
 from truepose.error_map.facts import Fact
 from truepose.error_map.lost_motion import from_other_sides
 from truepose.error_map.prediction import PredictingMap
@@ -27,6 +27,7 @@ def facts_of(error_map: PredictingMap) -> list[Fact]:
         *_of_campaign(error_map),
         *_of_arm(error_map),
         *_of_samples(error_map),
+        *_of_work(error_map),
         *_of_value(error_map),
     ]
     order = ("refuses", "transforms", "widens", "told")
@@ -79,6 +80,19 @@ def _of_samples(error_map: PredictingMap) -> Iterator[Fact]:
             "the sides are mixed, and is not known if all came from one"
         )
         yield Fact("sides-not-stated", words, "fit")
+
+
+def _of_work(error_map: PredictingMap) -> Iterator[Fact]:
+    """Yield the conditions at work that the samples do not cover."""
+    for name, samples, work, size in not_covered(error_map.predictor, error_map.samples, error_map.cell):
+        unit = "K" if name == "temperature" else "kg"
+        if work:
+            words = f"the {name} at work is {work}, that of the samples {samples}"
+            yield Fact("work-not-measured", words, "fit", size, None, unit)
+        else:
+            key = "temperature_C" if name == "temperature" else "payload_kg"
+            words = f"the {name} of the samples is {samples}, and [conditions] {key} does not state it for work"
+            yield Fact("work-not-stated", words, "fit", size, None, unit)
 
 
 def _of_value(error_map: PredictingMap) -> Iterator[Fact]:
