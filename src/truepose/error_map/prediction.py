@@ -21,6 +21,7 @@ from truepose.error_map.conditions import (
     not_measured,
     not_modelled,
     with_conditions,
+    work_of,
 )
 from truepose.error_map.data import MapData
 from truepose.error_map.lost_motion import from_other_sides, lost_motion_std, sampled_sides
@@ -262,6 +263,15 @@ class PredictingMap(MapData):
         if all(values is None for values in given.values()):
             return np.zeros(1)
         return not_measured(self.predictor, self.samples, self.cell, self.p_cmd, given)
+
+    @property
+    def payload_at_work(self) -> tuple[float, float] | None:
+        """The payload at work twice, or the range of the samples' payloads [kg]; None where nothing is known."""
+        stated = work_of(self.cell).get("payload")
+        if stated is not None:
+            return stated, stated
+        known = conditions_of(self.samples, self.cell).get("payload")
+        return None if known is None else (float(np.nanmin(known)), float(np.nanmax(known)))
 
     @property
     def knows_approach(self) -> bool:

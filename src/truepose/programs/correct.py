@@ -45,7 +45,9 @@ from truepose.programs.corrector import (
     Corrector,
     HasHash,
     KnowsApproach,
+    KnowsCell,
     KnowsFacts,
+    KnowsPayload,
     KnowsWork,
     KnowsWorth,
     LimitsCorrections,
@@ -53,6 +55,7 @@ from truepose.programs.corrector import (
 )
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.joint_correction import JointCorrection
+from truepose.programs.load_data import check_loads
 from truepose.programs.payloads import loads_of, tools_without_payload
 from truepose.programs.proof import proven_hashes
 from truepose.programs.reading import read_program
@@ -191,9 +194,12 @@ def correct_program(
     before = poses_before(program) if reversing else None
     if before is not None:
         warnings += _from_any_side(error_map, int(np.isnan(before).any(axis=(1, 2)).sum()))
-    asked_map = error_map.at_work(cell.conditions) if cell and isinstance(error_map, KnowsWork) else error_map
+    asked_map = error_map.at_work(cell) if cell and isinstance(error_map, KnowsWork) else error_map
     if cell and asked_map is not error_map:
-        warnings.append(f"corrected for the conditions at work that the cell states: {cell.conditions.words}")
+        words = cell.conditions.words or f"payload_kg {cell.payload.mass_kg:g}"
+        warnings.append(f"corrected for the conditions at work that the cell states: {words}")
+    if isinstance(asked_map, KnowsCell) and isinstance(asked_map, KnowsPayload):
+        warnings += check_loads(program, cell or asked_map.cell, asked_map.payload_at_work)
     warnings += tools_without_payload(program, asked_map)
     done = 0
     for rows, columns in program.correctable_columns():

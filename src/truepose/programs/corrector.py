@@ -132,8 +132,17 @@ class KnowsWork(Protocol):
     Its `correct` takes `load` and `p_load`, the payload of each target.
     """
 
-    def at_work(self, conditions: ConditionsSection) -> Corrector:
-        """Return the corrector for the ``[conditions]`` of a cell."""
+    def at_work(self, conditions: ConditionsSection | Cell) -> Corrector:
+        """Return the corrector for the ``[conditions]`` of a cell, or for a cell with its ``[payload]``."""
+
+
+@runtime_checkable
+class KnowsPayload(Protocol):
+    """A corrector that knows the payload that it corrects for."""
+
+    @property
+    def payload_at_work(self) -> tuple[float, float] | None:
+        """The payload at work twice, or the range of the samples' payloads [kg]; None where nothing is known."""
 
 
 class _ArmCheck(Protocol):
