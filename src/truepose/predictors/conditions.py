@@ -7,7 +7,7 @@ known is NaN: the prediction is then the mean over what it may be, and its stand
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, Self
 
 import numpy as np
@@ -126,6 +126,16 @@ class Usual:
             found["times"] = tuple(np.unique(np.quantile(known, np.linspace(0.0, 1.0, steps + 1))).tolist())
             found["passed"] = tuple(_shares(known, found["times"]).mean(axis=0).tolist())
         return cls(**found)
+
+    @property
+    def reference(self) -> dict[str, Any]:
+        """What the coefficients of effects refer to, as plain values: it stays when samples are added to a fit."""
+        kept = {"temperature": self.temperature, "payload": self.payload, "largest_payload": self.largest_payload}
+        return {**kept, "centre": list(self.centre)}
+
+    def referred(self, reference: Mapping[str, Any]) -> Self:
+        """Return the usual conditions with the `reference` of others."""
+        return replace(self, **{**reference, "centre": tuple(reference["centre"])})
 
     def walked(self, time: FloatArray) -> FloatArray:
         """Return the share of each step of the station's walk at times (n,) [s], less the mean; 0 where not known."""
