@@ -14,7 +14,7 @@ from truepose.error_map.points import reflector_columns
 from truepose.errors import DataError
 from truepose.predictors import Predictor
 from truepose.predictors.abilities import Conditional
-from truepose.predictors.conditions import joined
+from truepose.predictors.conditions import checked_work, joined
 from truepose.predictors.reflectors import REFLECTOR
 from truepose.robots.nongeometric import GRAVITY, STEEL
 from truepose.samples import Poses, Samples, approach_from_order
@@ -89,8 +89,9 @@ def modelled_conditions(samples: Samples, cell: Cell, *, drifting: bool = False)
 
 
 def check_work(samples: Samples, cell: Cell) -> None:
-    """Raise DataError if a cell states a condition at work that the samples do not state."""
+    """Raise DataError if a cell states a condition at work that cannot be, or that the samples do not state."""
     known = conditions_of(samples, cell)
+    checked_work(work_of(cell))
     for name in (*work_of(cell), *(["payload"] if cell.conditions.payloads else [])):
         if name not in known:
             raise DataError(

@@ -225,7 +225,7 @@ class PredictingMap(MapData):
         more = self._not_covered(poses)
         return self.predict_with_tool(self.inputs(poses), self.tf_flange_tool, orientation=True, **more)
 
-    def _not_covered(self, poses: Poses) -> dict[str, FloatArray | None]:
+    def _not_covered(self, poses: Poses) -> dict[str, Any]:
         """Return the variances of `predict_with_tool` due to conditions of poses that no sample had."""
         poses = on_arm(poses, self.robot)
         return {

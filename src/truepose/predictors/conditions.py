@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from truepose._typing import FloatArray
 from truepose.errors import DataError
@@ -58,7 +59,7 @@ def separated(X: FloatArray, names: Sequence[str], dof: int) -> tuple[FloatArray
     Raises
     ------
     DataError
-        If X has another number of columns, or an approach is none of −1, 0 and 1.
+        If X has another number of columns, an approach is none of −1, 0 and 1, or a temperature or payload cannot be.
     """
     if X.shape[1] == dof:
         X = joined(X, names, {})
@@ -73,7 +74,36 @@ def separated(X: FloatArray, names: Sequence[str], dof: int) -> tuple[FloatArray
         if len(wrong):
             raise DataError(f"approach is {signs[wrong[0]].tolist()} in row {wrong[0]}; expected -1, 0 or 1")
         found["approach"] = np.where(np.isnan(signs), 0.0, signs)
+    for name in ("temperature", "payload"):
+        if name in found:
+            check_condition(name, found[name])
     return X[:, :dof], found
+
+
+def check_condition(name: str, values: ArrayLike) -> None:
+    """Refuse temperatures [°C] and payloads [kg] that cannot be; NaN is one that is not known.
+
+    Raises
+    ------
+    DataError
+        If one is infinite, or a payload is negative.
+
+    Examples
+    --------
+    >>> check_condition("payload", [0.0, np.nan])
+    """
+    given = np.asarray(values, float)
+    wrong = given[np.isinf(given) | ((given < 0.0) if name == "payload" else False)]
+    if wrong.size:
+        expected = "0 kg or more" if name == "payload" else "a temperature in °C"
+        raise DataError(f"{name} is {wrong.flat[0]:g}; expected {expected}")
+
+
+def checked_work(work: Mapping[str, float]) -> dict[str, float]:
+    """Return the conditions at work, each a finite number that can be; see `check_condition`."""
+    for name, value in work.items():
+        check_condition(name, np.inf if np.isnan(value) else value)
+    return dict(work)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
-from truepose.predictors.conditions import Usual, separated
+from truepose.predictors.conditions import Usual, checked_work, separated
 from truepose.predictors.kinematic.design import Design
 from truepose.predictors.kinematic.effects import effect_size
 from truepose.predictors.kinematic.gears import RIPPLE_STD, Gears
@@ -134,7 +134,7 @@ class Terms:
         self.tf_flange_tool = np.asarray(tf_flange_tool, float)
         self.convention, self.geometry, self.compliance, self.residual = convention, geometry, compliance, residual
         self._gears = Gears(robot.gear_ratio if gears else np.empty(0))
-        self.conditions, self.usual, self.work = tuple(conditions), usual, dict(work or {})
+        self.conditions, self.usual, self.work = tuple(conditions), usual, checked_work(work or {})
         self._shape = Gears(np.ones(robot.dof if backlash_shape and "approach" in conditions else 0))
         self.share = share
         self.reflectors = reflectors if REFLECTOR in self.conditions else None
@@ -379,7 +379,7 @@ class Terms:
     def at_work(self, work: Mapping[str, float]) -> Terms:
         """Return the same terms for other conditions at work."""
         other = copy.copy(self)
-        other.work = dict(work)
+        other.work = checked_work(work)
         return other
 
     def curvature(self, design: Design) -> FloatArray:
