@@ -124,7 +124,7 @@ class Tracker(Pose):
 
 
 class Payload(CellSection):
-    """``[payload]``: mass, and centre of mass in the flange frame."""
+    """``[payload]``: mass, and centre of mass in the flange frame, of samples that state none and at work."""
 
     mass_kg: NotNegative = 0.0
     x_mm: Number = 0.0
@@ -150,8 +150,8 @@ class ConditionsSection(CellSection):
 
     ``approach`` is "stated" (by the columns approach1 …), "from-order" (each sample was reached straight from the row
     before) or "none". Temperature and payload are those of predictions and corrections that state none; by default
-    they are those of the samples. ``payloads`` are those with the tools of the controller, by number or name; they are
-    on the flange at the targets that a program moves to with this tool.
+    they are those of the samples, and the payload is that of ``[payload]``. ``payloads`` are those with the tools of
+    the controller, by number or name; they are on the flange at the targets that a program moves to with this tool.
     """
 
     approach: Literal["stated", "from-order", "none"] = "stated"

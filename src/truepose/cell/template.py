@@ -63,7 +63,7 @@ robust = true            # outliers are found and left out of the registration
 # [conditions]
 # approach = "from-order"  # samples were reached straight from row to row; default: "stated" by approach1 …; or "none"
 # temperature_C = 24.0   # of the air at work; default: that of the samples (temp_C)
-# payload_kg = 80.0      # at work; default: that of the samples (load_kg)
+# payload_kg = 80.0      # at work; default: mass_kg of [payload], else that of the samples (load_kg)
 # [conditions.payloads.1]  # with tool 1 of the controller, at the targets that programs move to with it
 # mass_kg = 120.0
 # x_mm = 0.0             # centre of mass in the flange frame; default: that of [payload]

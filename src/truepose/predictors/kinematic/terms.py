@@ -307,7 +307,7 @@ class Terms:
         if not steps:
             return np.zeros((*lever.shape[:2], 0, count))
         std = self.prior_std[self._payload]
-        return np.stack([step[:, :, self._load.plain :] for step in steps], axis=2) * std
+        return np.asarray(np.stack([step[:, :, self._load.plain :] for step in steps], axis=2) * std)
 
     @property
     def _payload(self) -> slice:
