@@ -158,13 +158,15 @@ def _payload(seed: int) -> Iterator[Case]:
     yield Case(group, "payload", left(cell, fit_cell(cell.cell, two, PREDICTOR), third, payload_kg=THIRD))
     yield Case(group, "conditions=none", left(cell, fit_cell(cell.cell, two, WITHOUT), third, payload_kg=THIRD))
     own = cell.measure(measured, seed=seed, payload_kg=THIRD)
-    yield Case(group, "floor", left(cell, fit_cell(cell.cell, own, PREDICTOR), Poses(q=q), payload_kg=THIRD))
+    at_third = fit_cell(_stating(cell.cell, payload_kg=THIRD), own, PREDICTOR)
+    yield Case(group, "floor", left(cell, at_third, Poses(q=q), payload_kg=THIRD))
     group, samples = "payload of 120 kg, used with 30", _measured(cell, seed)
     for name, predictor in (("payload at work stated", PREDICTOR), ("conditions=none, stated", WITHOUT)):
         error_map = fit_cell(_stating(cell.cell, payload_kg=OTHER), samples, predictor)
         yield Case(group, name, left(cell, error_map, Poses(q=q), payload_kg=OTHER))
     own = cell.measure(measured, seed=seed, payload_kg=OTHER)
-    yield Case(group, "floor", left(cell, fit_cell(cell.cell, own, PREDICTOR), Poses(q=q), payload_kg=OTHER))
+    at_other = fit_cell(_stating(cell.cell, payload_kg=OTHER), own, PREDICTOR)
+    yield Case(group, "floor", left(cell, at_other, Poses(q=q), payload_kg=OTHER))
 
 
 def _ripple(seed: int) -> Iterator[Case]:

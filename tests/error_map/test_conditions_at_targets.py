@@ -1,5 +1,6 @@
 """Conditions of targets: corrections know what predictions know, and what no sample had is uncertain."""
 
+import contextlib
 from dataclasses import replace
 
 import numpy as np
@@ -262,3 +263,40 @@ def test_a_mass_that_cannot_be_is_refused(load: float) -> None:
         error_map.correct(virtual.robot.forward(q, tool=virtual.tf_flange_tool), load=np.array([1.0, load]))
     with pytest.raises(DataError, match=r"load_kg is negative|load is not finite"):
         error_map.predict(Poses(q=q, load=np.array([1.0, load])))
+
+
+@pytest.mark.parametrize("kg", [-5.0, float("inf"), float("nan")])
+def test_a_payload_that_cannot_be_is_refused_everywhere(loaded, run, kg: float, tmp_path) -> None:
+    """In tables, cells, at work, at targets, by the command line, and in the input of a predictor."""
+    virtual, error_map = loaded
+    q, bad = virtual.design(2, seed=3), np.full(2, kg)
+    cell = virtual.cell.model_dump(exclude_unset=True)
+    predictor = error_map.predictor
+    columns = np.full((2, predictor.points_.shape[1] - 6), 1.0)
+    columns[:, -1] = kg
+    assert predictor.conditions[-1] == "payload"
+    stated = virtual.cell.model_copy(update={"conditions": ConditionsSection.model_construct(payload_kg=kg)})
+    error_map.save(tmp_path / "map.truepose")
+    surfaces = {
+        "samples": lambda: replace(virtual.measure(q), load=bad),
+        "poses": lambda: Poses(q=q, load=bad),
+        "[payload]": lambda: Cell.model_validate({**cell, "payload": {"mass_kg": kg}}),
+        "[conditions]": lambda: Cell.model_validate({**cell, "conditions": {"payload_kg": kg}}),
+        "payloads": lambda: Cell.model_validate({**cell, "conditions": {"payloads": {"1": {"mass_kg": kg}}}}),
+        "at_work": lambda: error_map.at_work(ConditionsSection.model_construct(payload_kg=kg)),
+        "fit_cell": lambda: fit_cell(stated, error_map.samples, "registration"),
+        "work": lambda: predictor.at_work({"payload": kg}),
+    }
+    if not np.isnan(kg):  # NaN stands for what is not known
+        surfaces["load"] = lambda: error_map.correct(virtual.robot.forward(q), load=bad)
+        surfaces["X"] = lambda: predictor.predict(np.column_stack([q, columns]))
+    accepted = []
+    for name, refused in surfaces.items():
+        with contextlib.suppress(DataError, ValueError):
+            refused()
+            accepted.append(name)
+    assert accepted == []
+    (tmp_path / "poses.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,-75,95,0,50,0\n")
+    done = run("predict", tmp_path / "map.truepose", tmp_path / "poses.csv", "--payload", str(kg))
+    assert done.code in (1, 2)
+    assert "0 kg or more" in done.err or "finite number" in done.err

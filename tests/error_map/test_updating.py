@@ -215,3 +215,50 @@ def test_readings_that_a_map_has_count_once(virtual, error_map, run, tmp_path):
     refused = run("update", tmp_path / "once.truepose", tmp_path / "new.csv", "--out", tmp_path / "twice.truepose")
     assert "in the map already" in refused.failed()
     assert not (tmp_path / "twice.truepose").exists()
+
+
+@pytest.fixture(scope="module")
+def two_loads():
+    """A map of samples with 20 and 60 kg, whose cell states no payload."""
+    virtual = tp.VirtualCell("hard", seed=0, effects={"geometry", "tool", "repeatability", "tracker", "compliance"})
+    cell = virtual.cell.model_copy(update={"payload": type(virtual.cell.payload)()})
+    kg = np.where(np.arange(50) % 2, 20.0, 60.0)
+    samples = virtual.measure(virtual.design(50, seed=0), seed=0, payload_kg=kg)
+    return virtual, tp.fit_cell(cell, samples, "kinematic-kriging")
+
+
+def test_new_payloads_leave_what_old_ones_refer_to(two_loads, tmp_path):
+    """Before, predictions without a stated payload moved by 0.14 mm to the mean of all payloads."""
+    virtual, error_map = two_loads
+    updated = tp.update_map(error_map, virtual.measure(virtual.design(20, seed=3), seed=3, payload_kg=200.0))
+    updated.save(tmp_path / "map.truepose")
+    read = tp.load_map(tmp_path / "map.truepose")
+    q = virtual.design(40, seed=9)
+    for kg in (20.0, 60.0, None):
+        poses = tp.Poses(q=q, load=None if kg is None else np.full(40, kg))
+        (before, _), (after, std), again = (one.predict_errors(poses) for one in (error_map, updated, read))
+        assert np.linalg.norm(after - before, axis=1).mean() < 0.05
+        np.testing.assert_allclose(again, (after, std), atol=1e-9)
+    before, after = error_map.predictor.parameters_, updated.predictor.parameters_
+    rows = [
+        (old["estimate"], old["std"], new["estimate"])
+        for old, new in zip(before, after, strict=True)
+        if "payload" in old["name"]
+    ]
+    assert all(abs(new - old) < 3.0 * std for old, std, new in rows)
+
+
+def test_samples_without_a_payload_take_none_from_those_of_the_map(two_loads, virtual, error_map):
+    bare = virtual.cell.payload.mass_kg
+    other, known = two_loads
+    new = replace(other.measure(other.design(6, seed=4), seed=4), load=None)
+    with pytest.raises(
+        DataError, match="the map knows the payload of its samples; state that of the new ones in load_"
+    ):
+        tp.update_map(known, new)
+    stated = known.changed(cell=other.cell)
+    assert tp.update_map(stated, new).samples.load[-6:].tolist() == [other.cell.payload.mass_kg] * 6
+    heavy = virtual.measure(virtual.design(6, seed=4), seed=4, payload_kg=30.0)
+    joined = tp.update_map(error_map.changed(samples=replace(error_map.samples, load=None)), heavy).samples
+    assert set(joined.load[:-6]) == {bare}
+    assert set(joined.load[-6:]) == {30.0}

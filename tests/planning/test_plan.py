@@ -371,6 +371,11 @@ def test_on_the_command_line(tmp_path):
     shown = CliRunner().invoke(app, [*arguments, "--force"]).stdout
     assert "8 (this plan)" in shown
     assert "plan.csv" in shown
+    assert "comes from either side in about half of the poses" in " ".join(shown.split())
+    assert set(tp.read_poses(tmp_path / "out" / "plan.csv").approach.ravel()) == {-1.0, 1.0}
+    below = CliRunner().invoke(app, [*arguments, "--force", "--one-side"]).stdout
+    assert "Every joint comes from below: its lost motion is not measured" in " ".join(below.split())
+    assert set(tp.read_poses(tmp_path / "out" / "plan.csv").approach.ravel()) == {1.0}
 
 
 @pytest.mark.exhaustive

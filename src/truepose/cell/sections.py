@@ -124,7 +124,7 @@ class Tracker(Pose):
 
 
 class Payload(CellSection):
-    """``[payload]``: mass, and centre of mass in the flange frame."""
+    """``[payload]``: mass, and centre of mass in the flange frame, of samples that state none and at work."""
 
     mass_kg: NotNegative = 0.0
     x_mm: Number = 0.0
@@ -150,8 +150,8 @@ class ConditionsSection(CellSection):
 
     ``approach`` is "stated" (by the columns approach1 …), "from-order" (each sample was reached straight from the row
     before) or "none". Temperature and payload are those of predictions and corrections that state none; by default
-    they are those of the samples. ``payloads`` are those with the tools of the controller, by number or name; they are
-    on the flange at the targets that a program moves to with this tool.
+    they are those of the samples, and the payload is that of ``[payload]``. ``payloads`` are those with the tools of
+    the controller, by number or name; they are on the flange at the targets that a program moves to with this tool.
     """
 
     approach: Literal["stated", "from-order", "none"] = "stated"
@@ -289,13 +289,16 @@ class Box(CellSection):
 
 
 class Measuring(CellSection):
-    """``[measuring]``: motion and dwell of the measuring program, and the visibility of the reflector."""
+    """``[measuring]``: motion and dwell of the measuring program, and the visibility of the reflector.
+
+    With ``approach = "both"`` joints come to their poses from either side, so that their lost motion is measured.
+    """
 
     dwell_s: Positive = 2.0
     speed_percent: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=100)] = 20.0
     trigger_output: Annotated[int, Field(strict=True, ge=1)] | None = None
     approach_deg: NotNegative = 3.0
-    approach: Literal["below", "both"] = "below"
+    approach: Literal["below", "both"] = "both"
     limit_margin_deg: NotNegative = 5.0
     reflector_axis: tuple[Number, Number, Number] | None = None
     acceptance_deg: Positive = 30.0

@@ -63,7 +63,7 @@ robust = true            # outliers are found and left out of the registration
 # [conditions]
 # approach = "from-order"  # samples were reached straight from row to row; default: "stated" by approach1 …; or "none"
 # temperature_C = 24.0   # of the air at work; default: that of the samples (temp_C)
-# payload_kg = 80.0      # at work; default: that of the samples (load_kg)
+# payload_kg = 80.0      # at work; default: mass_kg of [payload], else that of the samples (load_kg)
 # [conditions.payloads.1]  # with tool 1 of the controller, at the targets that programs move to with it
 # mass_kg = 120.0
 # x_mm = 0.0             # centre of mass in the flange frame; default: that of [payload]
@@ -97,8 +97,8 @@ robust = true            # outliers are found and left out of the registration
 # dwell_s = 2.0          # time at each pose for the arm to settle and the tracker to read
 # speed_percent = 20.0
 # trigger_output = 1     # digital output that triggers the tracker; default: no signal
-# approach_deg = 3.0     # every joint approaches its pose from this far below, so that backlash is always the same
-# approach = "both"      # … or from either side, about half of the poses each, so that backlash is measured as well
+# approach_deg = 3.0     # every joint approaches its pose from this far, above or below in about half of the poses each
+# approach = "below"     # … or from below at all poses, so that lost motion is not measured; default: "both"
 # limit_margin_deg = 5.0
 # reflector_axis = [0.0, 0.0, 1.0]  # direction of the reflector, tool frame; default: visible from all sides
 # acceptance_deg = 30.0

@@ -131,13 +131,6 @@ def _show(error_map: ErrorMap, *, parameters: bool) -> None:
             "[yellow]Note[/]: the samples state payloads without their centre of mass (x_load_mm …); it is taken to "
             "lie between wrist and tool point."
         )
-    approach = error_map.samples.approach
-    if approach is not None and approach.any() and (approach == approach[0]).all():
-        say(
-            "[yellow]Note[/]: every joint came from one side at all samples, so its backlash is not known, and not in "
-            "the standard deviation. Programs that come from the other side miss by it; measure from both sides with "
-            '\\[measuring] approach = "both".'
-        )
     show_campaign(error_map.campaign)
     for reason, rows in groupby(error_map.excluded, key=itemgetter("reason")):
         say(f"[yellow]Left out[/]: {name_points(list(rows))}, {reason}.")

@@ -40,6 +40,12 @@ def plan(
         str | None,
         typer.Option("--until", metavar="LENGTH", help="Expected accuracy, as 0.1mm; fewer poses than --n may do."),
     ] = None,
+    one_side: Annotated[
+        bool,
+        typer.Option(
+            "--one-side", help="Come to all poses from below in every joint; their lost motion is not measured then."
+        ),
+    ] = False,
     seed: Annotated[int, typer.Option("--seed", help="Seed of the candidates and of the random methods.")] = 0,
     force: Force = False,
     as_json: Json = False,
@@ -54,6 +60,9 @@ def plan(
     mark = None if until is None else _millimetres(until)
     overwrite(force, out / "plan.csv")
     cell = load_cell(cell_path)
+    if one_side:
+        below = cell.measuring.model_copy(update={"approach": "below"})
+        cell = cell.model_copy(update={"measuring": below})
     known = None if after is None else load_map(after) if after.suffix == ".truepose" else read_samples(after)
     offered = None if candidates is None else on_arm(read_poses(candidates), cell.load_robot()).q
     if candidates is not None and offered is None:
@@ -87,6 +96,13 @@ def plan(
         maker = cell.load_robot().maker or "an arm without a maker"
         say(f"[yellow]No measuring program[/] for {maker}: use the joints in plan.csv.")
     say(f"Wrote {', '.join(map(str, written))}.")
+    if cell.measuring.approach == "both":
+        say("Each joint comes from either side in about half of the poses, which measures its lost motion.")
+    else:
+        say(
+            "[yellow]Every joint comes from below[/]: its lost motion is not measured, and corrections of targets that "
+            "come from the other side are refused where it is too uncertain."
+        )
     say("Run the program slowly the first time: it avoids only the boxes in the cell file.")
 
 

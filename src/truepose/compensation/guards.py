@@ -23,6 +23,8 @@ _LEVERAGE_MARGIN: Final = 1.5
 _SPACING_MARGIN: Final = 1.5
 BELOW: Final = "below uncertainty"
 """The verdict of a target that stays nominal because its correction is too small for its standard deviation."""
+TOO_UNCERTAIN: Final = "predicted standard deviation"
+"""How the reason of a target begins whose prediction is too uncertain."""
 ARM_BRANCH: Final = 0b111
 """Bits 0 to 2 of KUKA's Status, which name the branch (conventions.md)."""
 
@@ -206,7 +208,7 @@ class Guards:
         size, turned, limits = np.linalg.norm(std[:, :3], axis=1), np.linalg.norm(std[:, 3:], axis=1), self.limits
         flag(
             ~(size <= limits.max_std),
-            lambda i: f"predicted standard deviation of {size[i]:.3f} mm is above the limit of {limits.max_std:.3f} mm",
+            lambda i: f"{TOO_UNCERTAIN} of {size[i]:.3f} mm is above the limit of {limits.max_std:.3f} mm",
         )
         flag(
             ~(turned <= limits.max_rotation_std),

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from truepose._typing import BoolArray, FloatArray
 from truepose.cell import Cell
+from truepose.error_map.lost_motion import REVERSALS
 from truepose.error_map.points import reflector_columns
 from truepose.errors import DataError
 from truepose.predictors import Predictor
 from truepose.predictors.abilities import Conditional
-from truepose.predictors.conditions import joined
+from truepose.predictors.conditions import checked_work, joined
 from truepose.predictors.reflectors import REFLECTOR
 from truepose.robots.nongeometric import GRAVITY, STEEL
 from truepose.samples import Poses, Samples, approach_from_order
 
 _COLUMNS: Final = {"temperature": "temp_C", "payload": "load_kg"}
-_REVERSALS: Final = 3  # samples from each side that tell the backlash of a joint
 _KELVIN: Final = 2.0  # smaller differences of temperature are not modelled: 0.05 mm at 2 m
 _LOAD: Final = 0.01  # the same of payloads, in parts of the larger one
 _COMPLIANCE: Final = 1e-6  # rad/Nm, of the weakest main joint of large arms
@@ -72,7 +72,7 @@ def modelled_conditions(samples: Samples, cell: Cell, *, drifting: bool = False)
     check_work(samples, cell)
     if "approach" in known:
         both = np.minimum((known["approach"] > 0).sum(axis=0), (known["approach"] < 0).sum(axis=0))
-        if both.max() < _REVERSALS:
+        if both.max() < REVERSALS:
             del known["approach"]
     work = {name: [value] for name, value in work_of(cell).items()}
     work["payload"] = [*work.get("payload", []), *(one.mass_kg for one in cell.conditions.payloads.values())]
@@ -89,8 +89,9 @@ def modelled_conditions(samples: Samples, cell: Cell, *, drifting: bool = False)
 
 
 def check_work(samples: Samples, cell: Cell) -> None:
-    """Raise DataError if a cell states a condition at work that the samples do not state."""
+    """Raise DataError if a cell states a condition at work that cannot be, or that the samples do not state."""
     known = conditions_of(samples, cell)
+    checked_work(work_of(cell))
     for name in (*work_of(cell), *(["payload"] if cell.conditions.payloads else [])):
         if name not in known:
             raise DataError(
@@ -100,8 +101,15 @@ def check_work(samples: Samples, cell: Cell) -> None:
 
 
 def work_of(cell: Cell) -> dict[str, float]:
-    """Return the temperature [°C] and the payload [kg] at work, where the cell states them."""
-    stated = {"temperature": cell.conditions.temperature_C, "payload": cell.conditions.payload_kg}
+    """Return the temperature [°C] and the payload [kg] at work, where the cell states them.
+
+    The payload is that of ``[conditions]``; by default that of ``[payload]``, where this has a mass.
+    """
+    payload = cell.conditions.payload_kg
+    stated = {
+        "temperature": cell.conditions.temperature_C,
+        "payload": (cell.payload.mass_kg or None) if payload is None else payload,
+    }
     return {name: value for name, value in stated.items() if value is not None}
 
 
@@ -137,6 +145,8 @@ def models(predictor: Predictor, condition: str) -> bool:
 def not_modelled(predictor: Predictor, samples: Samples, cell: Cell, p_cmd: FloatArray) -> float:
     """Return the variance in each direction due to conditions at work that a predictor does not know [mm²].
 
+    Conditions that differ among the samples are in their noise; only what is farther from the mean adds to it.
+
     Parameters
     ----------
     predictor : Predictor
@@ -150,7 +160,9 @@ def not_modelled(predictor: Predictor, samples: Samples, cell: Cell, p_cmd: Floa
     """
     known, reach = _unknown_to(predictor, samples, cell), float(np.linalg.norm(p_cmd, axis=1).max())
     effects = [
-        _effect(name, value - known[name].mean(), reach) for name, value in work_of(cell).items() if name in known
+        _effect(name, np.sqrt(max((value - known[name].mean()) ** 2 - known[name].var(), 0.0)), reach)
+        for name, value in work_of(cell).items()
+        if name in known
     ]
     return float(np.sum(np.square(effects))) / 3.0
 
@@ -193,6 +205,46 @@ def strange_conditions(predictor: Predictor, samples: Samples, cell: Cell, other
     return said
 
 
+class AtWork(NamedTuple):
+    """A condition of the samples, and its value at work.
+
+    Attributes
+    ----------
+    name : str
+        ``temperature`` or ``payload``.
+    samples, work : str
+        The range of the samples, and the value at work, with their units; "" where this is not stated.
+    size : float [K] or [kg]
+        The range of the samples, or the distance of the value at work to it.
+    """
+
+    name: str
+    samples: str
+    work: str
+    size: float
+
+
+def not_covered(predictor: Predictor, samples: Samples, cell: Cell) -> list[AtWork]:
+    """Return the conditions at work that widen standard deviations.
+
+    Those that a model has and that are not stated for work, and those that are stated and that no sample had.
+    """
+    known, work, found = conditions_of(samples, cell), work_of(cell), []
+    for name in _COLUMNS:
+        if name not in known:
+            continue
+        own = known[name][np.isfinite(known[name])]
+        if name not in work:
+            if models(predictor, name):
+                found.append(AtWork(name, _range(name, own), "", float(np.ptp(own))))
+            continue
+        value = np.array([work[name]])
+        if _beyond({name: own}, {name: value})[name][0]:
+            beyond = float(np.maximum(own.min() - value, value - own.max())[0])
+            found.append(AtWork(name, _range(name, own), _range(name, value), beyond))
+    return found
+
+
 def _beyond(known: Mapping[str, FloatArray], given: Mapping[str, FloatArray | None]) -> dict[str, BoolArray]:
     """Return where given conditions are beyond the known ones, by name."""
     found = {}
@@ -209,11 +261,20 @@ def _range(condition: str, values: FloatArray) -> str:
 
 
 def _unknown_to(predictor: Predictor, samples: Samples, cell: Cell) -> dict[str, FloatArray]:
-    """Return the temperatures and payloads of samples that a predictor does not know, by name."""
-    used = predictor.conditions if isinstance(predictor, Conditional) else ()
+    """Return the temperatures and payloads of samples that are not in a predictor's model, by name."""
     return {
-        name: values for name, values in conditions_of(samples, cell).items() if name in _COLUMNS and name not in used
+        name: values
+        for name, values in conditions_of(samples, cell).items()
+        if name in _COLUMNS and not _considers(predictor, name)
     }
+
+
+def _considers(predictor: Predictor, name: str) -> bool:
+    """Return whether a predictor has a temperature or payload in its model; one without effect was found to have none.
+
+    A payload acts through compliance: a model without compliance has it in its input, but not in its model.
+    """
+    return models(predictor, name) if name == "payload" else knows(predictor, name)
 
 
 def _least(condition: str, values: FloatArray) -> float:

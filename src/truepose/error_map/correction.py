@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
 from truepose.compensation import Corrections, Guards, Policy, Solution, apply_policy, solve
+from truepose.compensation.guards import TOO_UNCERTAIN
 from truepose.error_map.approaching import approach_on_lines
 from truepose.error_map.prediction import PredictingMap
 from truepose.error_map.target_joints import BranchTracker
@@ -20,6 +21,8 @@ from truepose.geometry import check_transforms, make_transform
 from truepose.predictors.abilities import Differentiable
 from truepose.robots import Robot
 from truepose.samples import Poses, on_arm
+
+_OTHER_SIDE: Final = "; joints come to it from a side that no sample had, so their lost motion is not known"
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,13 +108,12 @@ class Targets:
             robot, self.poses, self.tf_flange_tool, q_samples, self.status, self.turn, near=self.near, q=self.q
         )
 
-    def conditions(self, error_map: PredictingMap, branches: BranchTracker | None) -> FloatArray:
-        """Return the columns of conditions that follow a target's joints in the predictor's input, (n, c)."""
-        given = dict(self.given)
-        lines = self.before if given.get("approach") is None else None
-        if branches is not None and lines is not None and self.poses is not None:
-            given["approach"] = approach_on_lines(error_map.robot, branches.q_target, self.poses, lines)
-        return error_map.condition_columns(len(self.p), given)
+    def approach(self, robot: Robot, branches: BranchTracker | None) -> FloatArray | None:
+        """Return the sign of each joint's last motion, (n, dof); 0 where not known, None if nothing is stated."""
+        stated = self.given.get("approach")
+        if stated is not None or branches is None or self.before is None or self.poses is None:
+            return stated
+        return approach_on_lines(robot, branches.q_target, self.poses, self.before)
 
 
 def _sized(name: str, values: FloatArray | None, shape: tuple[int, ...]) -> FloatArray | None:
@@ -154,13 +156,24 @@ def correct(
         raise DataError(f"a map of {error_map.predictor_name!r} needs poses (n, 4, 4), for their joints")
     branches = targets.branches(error_map.robot, error_map.samples.q, needed=not cartesian)
     start = np.concatenate([targets.p, np.zeros((len(targets.p), 3 * orientation))], axis=1)
-    conditions = targets.conditions(error_map, branches)
+    approach = targets.approach(error_map.robot, branches)
+    conditions = error_map.condition_columns(len(targets.p), {**targets.given, "approach": approach})
     solution = _solve(error_map, targets, branches, start, conditions)
     x = solution.command[:, :3] if cartesian or branches is None else branches.q
     inputs = np.concatenate([x, conditions], axis=1)
     variance = error_map.not_measured({name: targets.given.get(name) for name in ("temperature", "payload")})
-    _, std = error_map.predict_with_tool(inputs, targets.tf_flange_tool, orientation=orientation, variance=variance)
+    joints = targets.q if branches is None else branches.q_target
+    lost = error_map.from_other_sides(joints, approach, targets.tf_flange_tool)
+    _, std = error_map.predict_with_tool(
+        inputs, targets.tf_flange_tool, orientation=orientation, variance=variance, lost_motion=lost
+    )
     reasons = _reasons(error_map, targets, branches, guards, x, std, solution)
+    if lost is not None:
+        mostly = np.sum(lost[:, :3], axis=1) > 0.5 * np.sum(std[:, :3] ** 2, axis=1)
+        reasons = [
+            why + _OTHER_SIDE if most and why.startswith(TOO_UNCERTAIN) else why
+            for why, most in zip(reasons, mostly, strict=True)
+        ]
     change = solution.command - start
     share, verdict, reason = apply_policy(change, std, reasons, guards.limits, policy)
     change *= share[:, None]

@@ -50,7 +50,13 @@ CODES: Final = {
     "repeatability": Kind(
         "widens", "the stated repeatability is more than three times the usual one of the robot, which is used instead"
     ),
-    "one-sided": Kind("told", "all samples came from one side, so that lost motion of the joints is not known"),
+    "one-sided": Kind(
+        "widens",
+        "joints came from one side at all samples; targets that come from the other have a prior of the lost motion",
+    ),
+    "sides-not-stated": Kind("told", "the samples do not state from which side the joints came"),
+    "work-not-stated": Kind("widens", "a temperature or payload that differs among the samples is not stated for work"),
+    "work-not-measured": Kind("widens", "the temperature or payload at work is one that no sample had"),
     "arm-checked": Kind("told", "the arm's model agrees with the positions that the controller shows"),
     "arm-not-checked": Kind("told", "no positions of the controller were at hand to check the arm's model"),
     "registration": Kind("told", "what the registration found beside station and tool"),

@@ -8,29 +8,33 @@ from operator import itemgetter
 
 import numpy as np
 
-from truepose.error_map.data import MapData
+from truepose.error_map.conditions import conditions_of, not_covered
 from truepose.error_map.facts import Fact
+from truepose.error_map.lost_motion import from_other_sides
+from truepose.error_map.prediction import PredictingMap
 from truepose.error_map.repeatability import Repeatability
 from truepose.samples import name_points
 
 
-def facts_of(error_map: MapData) -> list[Fact]:
+def facts_of(error_map: PredictingMap) -> list[Fact]:
     """Return the facts of a map, those that refuse corrections first.
 
-    They are those that a step stated (`MapData.stated`) and those that follow from the other parts of the map.
+    They are those that a step stated (`truepose.error_map.data.MapData.stated`) and those that follow from the other
+    parts of the map.
     """
     found = [
         *error_map.stated,
         *_of_campaign(error_map),
         *_of_arm(error_map),
         *_of_samples(error_map),
+        *_of_work(error_map),
         *_of_value(error_map),
     ]
     order = ("refuses", "transforms", "widens", "told")
     return sorted(found, key=lambda fact: order.index(fact.effect))
 
 
-def _of_campaign(error_map: MapData) -> Iterator[Fact]:
+def _of_campaign(error_map: PredictingMap) -> Iterator[Fact]:
     campaign = error_map.campaign
     for fault in campaign.get("faults", []):
         yield Fact(fault["kind"], fault["words"], "fit", fault["size"], fault.get("size_std"), "mm")
@@ -39,7 +43,7 @@ def _of_campaign(error_map: MapData) -> Iterator[Fact]:
         yield Fact("suspected-drift", words, "fit", suspected, None, "mm")
 
 
-def _of_arm(error_map: MapData) -> Iterator[Fact]:
+def _of_arm(error_map: PredictingMap) -> Iterator[Fact]:
     check = error_map.arm_check
     words = check.words.rstrip(".")
     yield Fact("arm-checked" if check.checked else "arm-not-checked", words, "fit", check.residual_mm, None, "mm")
@@ -50,16 +54,48 @@ def _of_arm(error_map: MapData) -> Iterator[Fact]:
         yield Fact("registration", error_map.registration.hint, "fit")
 
 
-def _of_samples(error_map: MapData) -> Iterator[Fact]:
+def _of_samples(error_map: PredictingMap) -> Iterator[Fact]:
     for reason, rows in groupby(error_map.excluded, key=itemgetter("reason")):
         yield Fact("left-out", f"{name_points(list(rows))} left out of the fit: {reason}", "fit")
-    approach = error_map.samples.approach
-    if approach is not None and approach.any() and (approach == approach[0]).all():
-        words = "every joint came from one side at all samples, so its lost motion is not known"
-        yield Fact("one-sided", words, "fit")
+    lost, q = error_map.lost_motion, error_map.samples.q
+    if q is None:
+        return
+    if lost.any():
+        other = from_other_sides(
+            error_map.robot, lost, q, np.broadcast_to(-np.sign(lost), q.shape), error_map.tf_flange_sampled[:3, 3]
+        )
+        size = float(np.sqrt(np.mean(np.sum(other[:, :3], axis=1))))
+        joints = ", ".join(str(j + 1) for j in np.flatnonzero(lost))
+        words = (
+            f"joints {joints} came from one side at all samples, so their lost motion is not known: from the other "
+            f"side it is taken to be {1e3 * np.abs(lost).max():.2f} mrad each, {size:.2f} mm at the tool; targets of "
+            "which no side is known are taken to come from that of the samples; measure from both sides, as programs "
+            "of 'truepose plan' do"
+        )
+        yield Fact("one-sided", words, "fit", size, None, "mm")
+    approach = conditions_of(error_map.samples, error_map.cell).get("approach")
+    if approach is None or not approach.any():
+        words = (
+            "the samples do not state from which side the joints came (approach1 …): lost motion counts as noise if "
+            "the sides are mixed, and is not known if all came from one"
+        )
+        yield Fact("sides-not-stated", words, "fit")
 
 
-def _of_value(error_map: MapData) -> Iterator[Fact]:
+def _of_work(error_map: PredictingMap) -> Iterator[Fact]:
+    """Yield the conditions at work that the samples do not cover."""
+    for name, samples, work, size in not_covered(error_map.predictor, error_map.samples, error_map.cell):
+        unit = "K" if name == "temperature" else "kg"
+        if work:
+            words = f"the {name} at work is {work}, that of the samples {samples}"
+            yield Fact("work-not-measured", words, "fit", size, None, unit)
+        else:
+            key = "temperature_C" if name == "temperature" else "payload_kg"
+            words = f"the {name} of the samples is {samples}, and [conditions] {key} does not state it for work"
+            yield Fact("work-not-stated", words, "fit", size, None, unit)
+
+
+def _of_value(error_map: PredictingMap) -> Iterator[Fact]:
     value = error_map.worth
     if value.weak:
         yield Fact("weak", value.words, "fit", value.left_mm, None, "mm")

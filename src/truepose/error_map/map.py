@@ -22,7 +22,7 @@ from truepose._io.tables import facts_table
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell, ConditionsSection
 from truepose.compensation import Corrections, Guards, JointCoverage, Limits, LimitsInForce, Policy, supported_angle
-from truepose.error_map.conditions import check_work, work_of
+from truepose.error_map.conditions import check_work, conditions_of, work_of
 from truepose.error_map.correction import Targets, correct
 from truepose.error_map.encoding import from_bytes, to_bytes
 from truepose.error_map.facts import Fact, refuse
@@ -98,26 +98,36 @@ class ErrorMap(PredictingMap):
         """Write the map to a file (zip of JSON and .npy), whole or not at all."""
         files.write_atomic(path, self._bytes)
 
-    def at_work(self, conditions: ConditionsSection) -> Self:
+    def at_work(self, conditions: ConditionsSection | Cell) -> Self:
         """Return the map for another temperature or payload at work.
 
         Parameters
         ----------
-        conditions : ConditionsSection
-            The ``[conditions]`` of a cell; what they do not state stays as it is.
+        conditions : ConditionsSection or Cell
+            The ``[conditions]`` of a cell; what they do not state stays as it is. Of a cell also the mass of its
+            ``[payload]``, which is that at work where its conditions state none and the payload of the samples is
+            known.
 
         Raises
         ------
         DataError
             If the samples do not state a condition that is stated for work.
         """
-        stated = conditions.at_work
+        stated = conditions.at_work if isinstance(conditions, ConditionsSection) else self._stated_by(conditions)
         if stated.items() <= self.cell.conditions.at_work.items():
             return self
         cell = self.cell.model_copy(update={"conditions": self.cell.conditions.model_copy(update=stated)})
         check_work(self.samples, cell)
         predictor = self.predictor.at_work(work_of(cell)) if isinstance(self.predictor, Conditional) else self.predictor
         return self.changed(cell=cell, predictor=predictor)
+
+    def _stated_by(self, cell: Cell) -> dict[str, Any]:
+        """Return the conditions at work that another cell states, by key of ``[conditions]``."""
+        stated = cell.conditions.at_work
+        known, mass = conditions_of(self.samples, self.cell), cell.payload.mass_kg
+        if "payload_kg" not in stated and "payload" in known and mass and mass != work_of(self.cell).get("payload"):
+            stated["payload_kg"] = mass
+        return stated
 
     def freeze(self, tf_flange_tool: ArrayLike | None = None, *, std: bool = False) -> FrozenMap:
         """Return the map's predictions as plain arrays, which predict one pose in some microseconds.

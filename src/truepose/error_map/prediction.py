@@ -15,13 +15,16 @@ from truepose._io.tables import by_axis, data_frame, facts_table
 from truepose._typing import FloatArray
 from truepose.error_map.conditions import (
     centres_at_work,
+    conditions_of,
     knows,
     models,
     not_measured,
     not_modelled,
     with_conditions,
+    work_of,
 )
 from truepose.error_map.data import MapData
+from truepose.error_map.lost_motion import from_other_sides, lost_motion_std, sampled_sides
 from truepose.error_map.repeatability import Repeatability
 from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform
@@ -159,7 +162,7 @@ class PredictingMap(MapData):
         poses = on_arm(poses, self.robot)
         p_cmd = self.commanded_positions(poses)
         x = with_conditions(self._in_space(poses, p_cmd), self.predictor, poses, self.cell)
-        e, std = self.predict_with_tool(x, self.tf_flange_tool, variance=self._not_measured(poses))
+        e, std = self.predict_with_tool(x, self.tf_flange_tool, **self._not_covered(poses))
         tf_tracker_base = invert_transform(self.registration.tf_base_tracker)
         p = apply_transform(tf_tracker_base, p_cmd + e)
         return Prediction(e, std, p, np.sqrt(std**2 @ (tf_tracker_base[:3, :3] ** 2).T))
@@ -188,7 +191,7 @@ class PredictingMap(MapData):
         use it. Its variance is that of the predictor's field plus `unexplained`; it does not include the noise of one
         motion and of one reading, see `predict_reading`.
         """
-        return self.predict_with_tool(self.inputs(poses), self.tf_flange_tool, variance=self._not_measured(poses))
+        return self.predict_with_tool(self.inputs(poses), self.tf_flange_tool, **self._not_covered(poses))
 
     def predict_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return `predict_errors` at `inputs` of the predictor, (n, 3) [mm] or (n, dof) [rad] with conditions."""
@@ -219,11 +222,38 @@ class PredictingMap(MapData):
         DataError
             If the map knows positions only, or there are no joints.
         """
-        variance = self._not_measured(poses)
-        return self.predict_with_tool(self.inputs(poses), self.tf_flange_tool, orientation=True, variance=variance)
+        more = self._not_covered(poses)
+        return self.predict_with_tool(self.inputs(poses), self.tf_flange_tool, orientation=True, **more)
 
-    def _not_measured(self, poses: Poses) -> FloatArray:
-        return self.not_measured({"temperature": poses.temperature, "payload": poses.load})
+    def _not_covered(self, poses: Poses) -> dict[str, Any]:
+        """Return the variances of `predict_with_tool` due to conditions of poses that no sample had."""
+        poses = on_arm(poses, self.robot)
+        return {
+            "variance": self.not_measured({"temperature": poses.temperature, "payload": poses.load}),
+            "lost_motion": self.from_other_sides(poses.q, poses.approach, self.tf_flange_tool),
+        }
+
+    @cached_property
+    def lost_motion(self) -> FloatArray:
+        """The lost motion of each joint that all samples reached from one side, with its sign, (dof,) [rad].
+
+        It is not measured, but what a prior says; 0 where it is measured, or no sample states a side.
+        """
+        approach = conditions_of(self.samples, self.cell).get("approach")
+        sides = sampled_sides(approach, self.robot.dof)
+        return sides * lost_motion_std(self.robot) if sides.any() else sides
+
+    def from_other_sides(
+        self, q: FloatArray | None, approach: FloatArray | None, tf_flange_tool: FloatArray
+    ) -> FloatArray | None:
+        """Return the variance of poses whose joints come from sides that no sample had, (m, 6) [mm², rad²].
+
+        None where nothing is stated: joints then come from the side of the samples. See
+        `truepose.error_map.lost_motion.from_other_sides`.
+        """
+        if q is None or approach is None or not self.lost_motion.any():
+            return None
+        return from_other_sides(self.robot, self.lost_motion, q, approach, tf_flange_tool[..., :3, 3])
 
     def not_measured(self, given: Mapping[str, FloatArray | None]) -> FloatArray:
         """Return the variance due to temperatures and payloads that no sample had, (m,) or (1,) [mm²].
@@ -235,9 +265,23 @@ class PredictingMap(MapData):
         return not_measured(self.predictor, self.samples, self.cell, self.p_cmd, given)
 
     @property
+    def payload_at_work(self) -> tuple[float, float] | None:
+        """The payload at work twice, or the range of the samples' payloads [kg]; None where nothing is known."""
+        stated = work_of(self.cell).get("payload")
+        if stated is not None:
+            return stated, stated
+        known = conditions_of(self.samples, self.cell).get("payload")
+        return None if known is None else (float(np.nanmin(known)), float(np.nanmax(known)))
+
+    @property
     def knows_approach(self) -> bool:
         """Whether predictions depend on the direction in which the joints come to a configuration."""
         return knows(self.predictor, "approach")
+
+    @property
+    def depends_on_approach(self) -> bool:
+        """Whether predictions or their standard deviations depend on this direction."""
+        return self.knows_approach or bool(self.lost_motion.any())
 
     def condition_columns(self, n: int, given: Mapping[str, FloatArray | None]) -> FloatArray:
         """Return the columns that follow the joints of n targets in `inputs`, (n, c).
@@ -263,6 +307,7 @@ class PredictingMap(MapData):
         *,
         orientation: bool = False,
         variance: FloatArray | None = None,
+        lost_motion: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Return errors (n, 3) [mm] or (n, 6) [mm, rad] of a tool, and their standard deviation as `predict_errors`.
 
@@ -276,15 +321,19 @@ class PredictingMap(MapData):
             Whether to predict orientation together with position.
         variance : (n,) or (1,) array [mm²], optional
             The variance in each direction in addition to `unexplained`, see `not_measured`.
+        lost_motion : (n, 6) array [mm², rad²], optional
+            The variance of position and orientation to add, see `from_other_sides`.
         """
+        more = np.zeros((1, 6)) if lost_motion is None else lost_motion
         offset = self._offset(x, tf_flange_tool)
         unexplained = self.unexplained if variance is None else self.unexplained + variance[:, None]
         if offset is None and not orientation:
             error, std = self.predictor.predict(x, return_std=True)
-            return error, np.sqrt(std**2 + unexplained)
+            return error, np.sqrt(std**2 + unexplained + more[:, :3])
         rows = slice(6 if orientation else 3)
         error, std = self._pose_predictor().predict_pose(x, return_std=True, offset=offset, unexplained=unexplained)
         std[:, 3:] = np.hypot(std[:, 3:], self.tool_turn[1])
+        std = np.sqrt(std**2 + more)
         return self._with_tool_turn(x, error)[:, rows], std[:, rows]
 
     def predict_mean_with_tool(

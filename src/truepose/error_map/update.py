@@ -15,6 +15,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
+from truepose.cell import Cell
 from truepose.error_map.conditions import knows, strange_conditions, with_conditions
 from truepose.error_map.map import ErrorMap
 from truepose.error_map.orientations import mounting_of, orientation_columns
@@ -217,13 +218,13 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
     if samples.distances is not None:
         what = "distances are not added to a map; leave them out, or fit a new map with all samples"
         raise samples.distances.error(what)
-    samples = _without_known(error_map.samples, samples)
+    samples = _with_conditions(error_map, _without_known(error_map.samples, samples))
     e, registration = error_map.errors(samples), error_map.registration
     if knows(error_map.predictor, "time"):
         samples = _later(error_map.samples, samples)
     joined = error_map.changed(
         known_worth=None,
-        samples=_concatenated(error_map.samples, samples),
+        samples=_concatenated(_with_load(error_map.samples, samples, error_map.cell), samples),
         excluded=[*error_map.excluded, *samples.excluded],
         predictor=copy.deepcopy(error_map.predictor),
         registration=replace(
@@ -271,6 +272,30 @@ def _without_known(old: Samples, new: Samples) -> Samples:
         return new
     left_out = [{**new.identify(i), "reason": "in the map already"} for i in np.flatnonzero(again).tolist()]
     return replace(new[~again], excluded=(*new.excluded, *left_out))
+
+
+def _with_conditions(error_map: ErrorMap, samples: Samples) -> Samples:
+    """Return new samples with the conditions that those of the map state: a payload is that of the cell by default.
+
+    Raises
+    ------
+    DataError
+        If one is missing: the samples of the map would lose theirs.
+    """
+    own, samples = error_map.samples, _with_load(samples, error_map.samples, error_map.cell)
+    for name, column in (("load", "load_kg"), ("temperature", "temp_C")):
+        condition = "payload" if name == "load" else name
+        missing = getattr(own, name) is not None and getattr(samples, name) is None
+        if missing and knows(error_map.predictor, condition):
+            raise samples.error(f"the map knows the {condition} of its samples; state that of the new ones in {column}")
+    return samples
+
+
+def _with_load(samples: Samples, others: Samples, cell: Cell) -> Samples:
+    """Return samples with the payload of the cell, where they state none and others do."""
+    if samples.load is not None or others.load is None or not cell.payload.mass_kg:
+        return samples
+    return replace(samples, load=np.full(len(samples), cell.payload.mass_kg))
 
 
 def _turns(error_map: ErrorMap, samples: Samples) -> FloatArray | None:

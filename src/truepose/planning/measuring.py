@@ -1,4 +1,4 @@
-"""Measuring programs in the controller's language: joint motions to each pose from the same side, dwell, signal.
+"""Measuring programs in the controller's language: joint motions to each pose from a known side, dwell, signal.
 
 Joint motions do not depend on the active tool and base. Programs have the joints that the controller shows
 (`truepose.robots.shown_joints`).

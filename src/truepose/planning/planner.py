@@ -124,6 +124,7 @@ class Plan:
             "until_mm": self.until_mm,
             "reaches": self.reaches,
             "by_home": sum(box != "" for box in self.way),
+            "approach": self.cell.measuring.approach,
             "observability": self.observability.indices,
             "not_told": self.observability.describe(),
         }

@@ -209,10 +209,15 @@ def conditions_wanted(name: str) -> tuple[str, ...]:
     --------
     >>> conditions_wanted("kinematic-kriging:conditions=approach"), conditions_wanted("idw")
     (('approach',), ())
+    >>> "payload" in conditions_wanted("kinematic-kriging:compliance=no")
+    False
     """
     spec = predictor_spec(name)
-    known = spec.family.takes_conditions and "conditions" in spec.options
-    return tuple(spec.defaults.get("conditions", CONDITIONS)) if known else ()
+    if not (spec.family.takes_conditions and "conditions" in spec.options):
+        return ()
+    wanted = tuple(spec.defaults.get("conditions", CONDITIONS))
+    stiff = spec.defaults.get("compliance") is False  # payloads act through compliance
+    return tuple(one for one in wanted if not (stiff and one in ("payload", "centre")))
 
 
 def for_many(name: str, n: int) -> str:

@@ -43,11 +43,17 @@ def check_cell(own: Cell, robot: Robot, cell: Cell, *, placed: bool = False) -> 
         raise RefusedError(f"the cell file is of {other.name}, the map of {robot.name}; take the cell file of this map")
     if other.name == robot.name and (change := _change(robot, other)):
         raise RefusedError(f"the cell file's {other.name} is not the one with which the map was fitted: {change}")
-    differ = [f"[{name}]" for name in _OF_THE_MAP if getattr(own, name) != getattr(cell, name)]
+    differ = [f"[{name}]" for name in _OF_THE_MAP if _of_the_map(own, name) != _of_the_map(cell, name)]
     if not differ:
         return []
     what = f"{', '.join(differ)} of the cell file differ from what the map was fitted with and have no effect"
     return [f"{what}: 'truepose fit' or 'truepose update' takes them into a map"]
+
+
+def _of_the_map(cell: Cell, name: str) -> object:
+    """Return a table without the mass on the flange, which is that at work by default."""
+    table = getattr(cell, name)
+    return table.model_copy(update={"mass_kg": 0.0}) if name == "payload" else table
 
 
 def check_identity(

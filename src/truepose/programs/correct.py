@@ -45,7 +45,9 @@ from truepose.programs.corrector import (
     Corrector,
     HasHash,
     KnowsApproach,
+    KnowsCell,
     KnowsFacts,
+    KnowsPayload,
     KnowsWork,
     KnowsWorth,
     LimitsCorrections,
@@ -53,6 +55,7 @@ from truepose.programs.corrector import (
 )
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.joint_correction import JointCorrection
+from truepose.programs.load_data import check_loads
 from truepose.programs.payloads import loads_of, tools_without_payload
 from truepose.programs.proof import proven_hashes
 from truepose.programs.reading import read_program
@@ -192,11 +195,16 @@ def correct_program(
         more = {"limits": limits, "accept_weak_map": accept_weak_map, "accept": accept}
         if known.robot is not None:
             near = joints_along_paths(known.robot, program.targets, known.tf_flange_tool)
-    reversing = isinstance(error_map, KnowsApproach) and error_map.knows_approach
+    reversing = isinstance(error_map, KnowsApproach) and error_map.depends_on_approach
     before = poses_before(program) if reversing else None
-    asked_map = error_map.at_work(cell.conditions) if cell and isinstance(error_map, KnowsWork) else error_map
+    if before is not None:
+        warnings += _from_any_side(error_map, int(np.isnan(before).any(axis=(1, 2)).sum()))
+    asked_map = error_map.at_work(cell) if cell and isinstance(error_map, KnowsWork) else error_map
     if cell and asked_map is not error_map:
-        warnings.append(f"corrected for the conditions at work that the cell states: {cell.conditions.words}")
+        words = cell.conditions.words or f"payload_kg {cell.payload.mass_kg:g}"
+        warnings.append(f"corrected for the conditions at work that the cell states: {words}")
+    if isinstance(asked_map, KnowsCell) and isinstance(asked_map, KnowsPayload):
+        warnings += check_loads(program, cell or asked_map.cell, asked_map.payload_at_work)
     warnings += tools_without_payload(program, asked_map)
     done = 0
     for rows, columns in program.correctable_columns():
@@ -285,6 +293,15 @@ def _leave_unsafe(outcomes: Outcomes, unsafe: dict[int, str], on_guard: Policy, 
     for i, why in unsafe.items():
         outcomes.leave(np.array([i]), why)
     outcomes.leave_circles()
+
+
+def _from_any_side(error_map: Corrector, n: int) -> list[str]:
+    """Return the warning of n targets of which the side is not known, by a map of samples from one side."""
+    facts = error_map.facts if n and isinstance(error_map, KnowsFacts) else []
+    if not any(fact.code == "one-sided" for fact in facts):
+        return []
+    where = "they are taken to come from that of the samples, which did not measure the lost motion"
+    return [f"{n} targets: it is not known from which side their joints come; {where}"]
 
 
 def _limits_in_force(error_map: Corrector, cell: Cell | None, **options: Any) -> LimitsInForce:

@@ -118,11 +118,11 @@ class LimitsCorrections(Protocol):
 
 @runtime_checkable
 class KnowsApproach(Protocol):
-    """A corrector that may know the backlash of joints; `correct` then takes `before`, see `ErrorMap.correct`."""
+    """A corrector that may depend on lost motion of joints; `correct` then takes `before`, see `ErrorMap.correct`."""
 
     @property
-    def knows_approach(self) -> bool:
-        """Whether the corrections depend on the direction of approach."""
+    def depends_on_approach(self) -> bool:
+        """Whether corrections or their standard deviations depend on the direction of approach."""
 
 
 @runtime_checkable
@@ -132,8 +132,17 @@ class KnowsWork(Protocol):
     Its `correct` takes `load` and `p_load`, the payload of each target.
     """
 
-    def at_work(self, conditions: ConditionsSection) -> Corrector:
-        """Return the corrector for the ``[conditions]`` of a cell."""
+    def at_work(self, conditions: ConditionsSection | Cell) -> Corrector:
+        """Return the corrector for the ``[conditions]`` of a cell, or for a cell with its ``[payload]``."""
+
+
+@runtime_checkable
+class KnowsPayload(Protocol):
+    """A corrector that knows the payload that it corrects for."""
+
+    @property
+    def payload_at_work(self) -> tuple[float, float] | None:
+        """The payload at work twice, or the range of the samples' payloads [kg]; None where nothing is known."""
 
 
 class _ArmCheck(Protocol):

@@ -30,7 +30,7 @@ def loads_of(columns: TargetColumns, corrector: Corrector) -> dict[str, FloatArr
     if not (known := _payloads(corrector)):
         return {}
     alike, which = columns.shared()
-    found = [known.get(_tool(target)) for target in alike]
+    found = [known.get(tool_key(target)) for target in alike]
     unknown = np.full(3, np.nan)
     mass = np.array([np.nan if one is None else one.mass_kg for one in found])
     centre = np.array([unknown if one is None or one.centre is None else one.centre for one in found])
@@ -43,7 +43,9 @@ def tools_without_payload(program: Program, corrector: Corrector) -> list[str]:
         return []
     missing: dict[str, None] = {}
     for _, columns in program.targets.chunks():
-        found = [target for target in columns.shared()[0] if target.verdict == "correct" and _tool(target) not in known]
+        found = [
+            target for target in columns.shared()[0] if target.verdict == "correct" and tool_key(target) not in known
+        ]
         missing |= {target.tool or "the measured tool": None for target in found}
     if not missing:
         return []
@@ -58,5 +60,6 @@ def _payloads(corrector: Corrector) -> dict[Key, Payload]:
     return {frame_key(key): payload for key, payload in corrector.cell.conditions.payloads.items()}
 
 
-def _tool(target: Target) -> Key:
+def tool_key(target: Target) -> Key:
+    """Return the tool of a target, as tables hold it."""
     return frame_key(target.tool) if target.tool_number is None else target.tool_number

@@ -182,8 +182,10 @@ def _write_program(virtual: VirtualCell, directory: Path) -> Path:
     status, turn = status_turn(virtual.robot, virtual.reach(apply_transform(tf_base_panel, p_panel)))
     a, b, c = virtual.preset.abc_deg
     moves, points = [], []
+    # the virtual robot comes to each hole from the side of the samples, which a straight motion would contradict
+    motion = "PTP" if "backlash" in virtual.effects else "LIN"
     for i, ((px, py, pz), s, t) in enumerate(zip(p_panel, status, turn, strict=True), 1):
-        moves.append(f"{'PTP' if i == 1 else 'LIN'} XP{i}\nDRILL()\n")
+        moves.append(f"{'PTP' if i == 1 else motion} XP{i}\nDRILL()\n")
         points.append(
             f"DECL E6POS XP{i}={{X {px:.3f},Y {py:.3f},Z {pz:.3f},A {a:.3f},B {b:.3f},C {c:.3f},S {s},T {t},E1 0.0}}\n"
             f'DECL FDAT FP{i}={{TOOL_NO {_TOOL},BASE_NO {_BASE},IPO_FRAME #BASE,POINT2[] " "}}\n'

@@ -26,6 +26,9 @@ class Design:
         The coordinates of the rest Z: cosine and sine of each joint angle, and metres for positions.
     unknown : (n, r, c) array
         The columns of the last c drift columns, those of conditions, where the condition is not known [mm, rad].
+    mass : (n, r, b, c) array
+        The columns of payloads for a standard deviation of the mass and of each coordinate of its centre, b in all,
+        where these are not known [mm, rad].
     away : (n, 3) array [mm], tool frame
         The vectors from the tool point to the measured point.
     visit : (n,) array
@@ -40,6 +43,7 @@ class Design:
     lever: FloatArray
     place: FloatArray
     unknown: FloatArray
+    mass: FloatArray
     away: FloatArray
     visit: FloatArray
     turn: FloatArray
@@ -50,7 +54,7 @@ class Design:
         return int(self.lever.shape[1])
 
 
-_ARRAYS: Final = ("q", "p", "drift", "lever", "place", "unknown", "away", "visit", "turn")
+_ARRAYS: Final = ("q", "p", "drift", "lever", "place", "unknown", "mass", "away", "visit", "turn")
 
 
 def take(design: Design, rows: slice | IntArray) -> Design:

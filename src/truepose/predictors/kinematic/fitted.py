@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
 
 from truepose._typing import FloatArray, IntArray
 from truepose.numerics.frozen import Constants
@@ -55,9 +56,9 @@ class FittedKriging(ConditionedPredictor):
 
     def _unknown(self, design: Design) -> FloatArray:
         """Return columns of the effects of conditions that are not known, of unit variance: (m, r, c) [mm, rad]."""
-        if not design.unknown.shape[2]:
+        if not (design.unknown.shape[2] or design.mass.shape[2]):
             return design.unknown
-        return np.asarray(design.unknown * self._terms.effect_size(*self._form.drift_estimate()))
+        return self._terms.unknown_effects(design, *self._form.drift_estimate())
 
     def _nugget_variance(self) -> FloatArray:
         return np.full(3, self.inflation_ * self.hyper_.noise**2)
@@ -111,15 +112,23 @@ class FittedKriging(ConditionedPredictor):
             The variance that is added to the field's.
         """
         self._check_fitted()
-        model, size = (self._form, self._terms, self.joints_, self.hyper_), self._terms.effect_size
-        return deviation_of(*model, constants, poses, self.inflation_, added, size(*self._form.drift_estimate()))
+        model = self._form, self._terms, self.joints_, self.hyper_
+        return deviation_of(*model, constants, poses, self.inflation_, added)
 
     def predict_together(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return predicted errors (m, 3) [mm] and their covariance with each other (3m, 3m) [mm²]."""
+        """Return predicted errors (m, 3) [mm] and their covariance with each other (3m, 3m) [mm²].
+
+        Conditions that are not known are the same at all poses, but for the direction of approach.
+        """
         self._check_fitted()
         design = self._terms.at(self._validate(X)[0])
         e = self._form.mean(design) + self._known(design)
-        return e, self.inflation_ * self._form.covariance_together(design)
+        covariance = self.inflation_ * self._form.covariance_together(design)
+        own, common = np.split(self._unknown(design), [self._terms.sided], axis=2)
+        if own.shape[2]:
+            covariance = covariance + block_diag(*(own @ np.swapaxes(own, 1, 2)))
+        flat = common.reshape(len(covariance), -1)
+        return e, covariance + flat @ flat.T
 
     def explain(self, X: ArrayLike) -> dict[str, FloatArray]:
         """Return the contribution of each term to the prediction, (m, 3) [mm] each.

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from truepose._typing import FloatArray, IntArray
+from truepose.errors import DataError
 from truepose.numerics.frozen import Constants
 from truepose.numerics.frozen_deviation import Deviation, table_angles
 from truepose.predictors.kinematic.covariance_form import tolerances
@@ -31,7 +32,6 @@ def deviation_of(
     poses: FloatArray,
     inflation: float,
     added: FloatArray,
-    effect_size: FloatArray,
 ) -> Deviation:
     """Return the arrays of a fitted model.
 
@@ -50,10 +50,19 @@ def deviation_of(
         The factor of the variances.
     added : (3,) array [mm²]
         The variance that is added to the field's.
-    effect_size : (c,) array
-        The root mean squares of the coefficients of conditions, which a frozen map does not know.
+
+    Raises
+    ------
+    DataError
+        If the payload at work is not known.
     """
     dof, design = terms.robot.dof, terms.at(poses)
+    if design.mass.shape[2]:
+        raise DataError(
+            "the deviation of a map of several payloads cannot be frozen without the payload at work; state it in "
+            "[conditions] payload_kg, or mass_kg in [payload]"
+        )
+    effect_size = terms.effect_size(*form.drift_estimate())  # of conditions, which a frozen map does not know
     told = form.told(design)
     most = 2 * _MOST if form.design.turn.any() else _MOST
     vector = np.linalg.eigh(told @ told.T)[1][:, ::-1][:, :most]

@@ -80,6 +80,9 @@ class KinematicKriging(SearchedKriging):
         The joints with an error of their own, counted from 0, together with `hyper`; default: the visible joints.
     inflation : float, optional
         The factor of predicted variances, together with `hyper`; default: estimated by cross-validation.
+    reference : mapping, optional
+        The conditions that the effects of a fit refer to, see `truepose.predictors.conditions.Usual.reference`;
+        default: those of the samples.
     fleet : dict, optional
         What other robots of the type say, see `truepose.predictors.kinematic.fleet.Fleet`; of it, the fit takes what
         raises the evidence.
@@ -152,6 +155,7 @@ class KinematicKriging(SearchedKriging):
         weight: Sequence[float] | None = None,
         joints: Sequence[int] | None = None,
         inflation: float | None = None,
+        reference: Mapping[str, Any] | None = None,
         fleet: dict[str, Any] | None = None,
         random_state: int = 0,
     ) -> None:
@@ -175,13 +179,14 @@ class KinematicKriging(SearchedKriging):
         self.weight = weight
         self.joints = joints
         self.inflation = inflation
+        self.reference = reference
         self.fleet = fleet
         self.random_state = random_state
 
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
         check(self, e, X)
         assert self.robot is not None
-        self._take(X, e, noise_std)
+        self._take(X, e, noise_std, self.reference)
         design = self._terms.at(self._x)
         seen = self._terms.seen(design) if self.joints is None else np.asarray(self.joints, np.int64)
         self.joints_ = seen if self.joint_errors else np.empty(0, np.int64)
@@ -201,9 +206,12 @@ class KinematicKriging(SearchedKriging):
         self.inflation_ = self._inflation(self._optimum) if self.hyper is None else self.inflation or 1.0
         self.parameters_ = drift_table(self._form, self._terms, self.hyper_, self._fleet)
 
-    def _take(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
+    def _take(
+        self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None, reference: Mapping[str, Any] | None
+    ) -> None:
         """Set the samples and the terms at the nominal arm, and choose the solver."""
         assert self.robot is not None
+        usual = Usual.of(X, self.conditions, self.robot.dof)
         tool = np.eye(4) if self.tf_flange_tool is None else np.asarray(self.tf_flange_tool, float)
         self._terms = self._nominal = Terms(
             self.robot,
@@ -215,7 +223,7 @@ class KinematicKriging(SearchedKriging):
             gears=self.gear_harmonics,
             backlash_shape=self.backlash_shape,
             conditions=self.conditions,
-            usual=Usual.of(X, self.conditions, self.robot.dof),
+            usual=usual if reference is None else usual.referred(reference),
             work=self.work,
             reflectors=self.reflectors,
             share=SHARED[0 if noise_std is not None and (noise_std > 0.0).all() else 1],
@@ -348,7 +356,7 @@ class KinematicKriging(SearchedKriging):
         noise = None if reading is None or old_noise is None else np.concatenate([old_noise, reading])
         self._given = np.concatenate([old_x, x]), np.concatenate([old_e, e]), noise
         old_weight, n = self._weight[: len(self._weight) - self._distant], len(old_e)
-        self._take(*self._given)
+        self._take(*self._given, self._terms.usual.reference)
         fresh = self._own >= n
         self._weight = np.ones(len(self._e))
         self._weight[~fresh] = old_weight
@@ -396,5 +404,6 @@ class KinematicKriging(SearchedKriging):
             "weight": self._weight.tolist(),
             "joints": self.joints_.tolist(),
             "inflation": self.inflation_,
+            "reference": self._terms.usual.reference if self.conditions else None,
             "fleet": None if self._fleet is None else self._fleet.to_dict(),
         }

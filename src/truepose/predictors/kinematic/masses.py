@@ -32,19 +32,23 @@ class Masses:
     ----------
     names : list of str
         The names of the columns.
+    plain : int
+        The number of those of the arm, which come first.
+    centred : bool
+        Whether payloads have their mass at a stated centre.
     """
 
     def __init__(self, robot: Robot, *, arm: bool, payload: bool, centre: bool) -> None:
         self._robot, dof = robot, robot.dof
         pairs = [(j, k) for j in range(dof) for k in range(j, dof + 1)] if arm else []
-        self._plain = len(pairs)
+        self.plain = len(pairs)
         if arm and payload:
             pairs += [(j, k) for j in range(dof) for k in ((dof + 1,) if centre else (dof - 1, dof)) if j <= k]
-        self._centred = arm and payload and centre
+        self.centred = arm and payload and centre
         self._joint, self._mass = np.array(pairs, np.int64).reshape(-1, 2).T
         places = {dof: "at tool", dof + 1: "at centre"}
         self.names = [
-            f"joint {j + 1} under {'mass' if i < self._plain else 'payload'} {places.get(k, str(k + 1))}"
+            f"joint {j + 1} under {'mass' if i < self.plain else 'payload'} {places.get(k, str(k + 1))}"
             for i, (j, k) in enumerate(pairs)
         ]
 
@@ -67,14 +71,14 @@ class Masses:
         frames = self._robot.frames(q)
         joint = frames[:, :-1] @ self._robot.link_before
         places = [frames[:, 1:, :3, 3], p[:, None]]
-        if self._centred and centre is not None:
+        if self.centred and centre is not None:
             flange = self._robot.forward(q)
             places.append((flange[:, :3, 3] + np.einsum("nij,nj->ni", flange[:, :3, :3], centre))[:, None])
         mass, j = np.concatenate(places, axis=1), self._joint
         arm, axis = mass[:, self._mass] - joint[:, :, :3, 3][:, j], joint[:, :, :3, 2][:, j]
         moment = axis[..., 0] * arm[..., 1] - axis[..., 1] * arm[..., 0]  # (z × r)_z, gravity along z of the base
         if load is not None:
-            moment[:, self._plain :] *= load
+            moment[:, self.plain :] *= load
         return np.asarray(lever[:, :, j] * (moment / _MOMENT_ARM)[:, None, :])
 
     def moments(self, estimate: FloatArray, load: float, power: int = 1) -> FloatArray:
@@ -92,7 +96,7 @@ class Masses:
         DataError
             If a payload has its mass at a stated centre, which arrays of a map cannot hold.
         """
-        if self._centred:
+        if self.centred:
             raise DataError(
                 "a map of payloads with centres of mass cannot be frozen; fit it with conditions=payload, which does "
                 "without the centres"
@@ -100,5 +104,5 @@ class Masses:
         dof = self._robot.dof
         moment = np.zeros((dof, dof + 1, *estimate.shape[1:]))
         for i, (j, k, value) in enumerate(zip(self._joint, self._mass, estimate, strict=True)):
-            moment[j, k] += value * ((1.0 if i < self._plain else load) / _MOMENT_ARM) ** power
+            moment[j, k] += value * ((1.0 if i < self.plain else load) / _MOMENT_ARM) ** power
         return moment

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
-from truepose.predictors.conditions import Usual, separated
+from truepose.predictors.conditions import Usual, checked_work, separated
 from truepose.predictors.kinematic.design import Design
 from truepose.predictors.kinematic.effects import effect_size
 from truepose.predictors.kinematic.gears import RIPPLE_STD, Gears
@@ -134,7 +134,7 @@ class Terms:
         self.tf_flange_tool = np.asarray(tf_flange_tool, float)
         self.convention, self.geometry, self.compliance, self.residual = convention, geometry, compliance, residual
         self._gears = Gears(robot.gear_ratio if gears else np.empty(0))
-        self.conditions, self.usual, self.work = tuple(conditions), usual, dict(work or {})
+        self.conditions, self.usual, self.work = tuple(conditions), usual, checked_work(work or {})
         self._shape = Gears(np.ones(robot.dof if backlash_shape and "approach" in conditions else 0))
         self.share = share
         self.reflectors = reflectors if REFLECTOR in self.conditions else None
@@ -290,6 +290,60 @@ class Terms:
         known = np.where(np.isnan(payload), self.work.get("payload", self.usual.payload), payload)
         return np.asarray(known / self.usual.largest_payload)
 
+    def _unknown_masses(
+        self, q: FloatArray, p: FloatArray, lever: FloatArray, given: Mapping[str, FloatArray]
+    ) -> FloatArray:
+        """Return the columns of `Design.mass`, (n, r, b, c)."""
+        count = len(self._load.names) - self._load.plain
+        steps = []
+        if count and "payload" not in self.work and self.usual.payload_std and np.isnan(given["payload"]).any():
+            mass = np.where(np.isnan(given["payload"]), self.usual.payload_std / self.usual.largest_payload, 0.0)
+            steps.append(self._load.columns(q, p, lever, mass, self._centres(given)))
+        if self._load.centred and (unknown := np.isnan(given["centre"])).any():
+            here, load = self._centres(given), self._loads(given["payload"])
+            plain = self._load.columns(q, p, lever, load, here)
+            for axis in np.eye(3) * self.usual.centre_std:
+                steps.append(self._load.columns(q, p, lever, load, here + np.where(unknown, axis, 0.0)) - plain)
+        if not steps:
+            return np.zeros((*lever.shape[:2], 0, count))
+        std = self.prior_std[self._payload]
+        return np.asarray(np.stack([step[:, :, self._load.plain :] for step in steps], axis=2) * std)
+
+    @property
+    def _payload(self) -> slice:
+        """The drift columns of payloads."""
+        end = sum(self._counts[:2])
+        return slice(end - len(self._load.names) + self._load.plain, end)
+
+    def unknown_effects(self, design: Design, mean: FloatArray, covariance: FloatArray) -> FloatArray:
+        """Return the effects of conditions that are not known, of unit variance each: (n, r, u) [mm, rad].
+
+        Parameters
+        ----------
+        design : Design
+            The columns at n configurations.
+        mean, covariance : (p,), (p, p) arrays
+            The drift coefficients, per prior standard deviation.
+
+        Returns
+        -------
+        (n, r, u) array
+            The first `sided` columns are those of directions of approach, which differ from pose to pose.
+        """
+        effects = design.unknown * self.effect_size(mean, covariance)
+        if not design.mass.shape[2]:
+            return np.asarray(effects)
+        own = self._payload
+        value, vector = np.linalg.eigh(covariance[own, own])
+        coefficients = np.column_stack([mean[own], vector * np.sqrt(np.maximum(value, 0.0))])
+        masses = (design.mass @ coefficients).reshape(*design.mass.shape[:2], -1)
+        return np.concatenate([effects, masses], axis=2)
+
+    @property
+    def sided(self) -> int:
+        """The number of columns of backlash and its shape."""
+        return self._counts[3]
+
     def _centres(self, given: Mapping[str, FloatArray]) -> FloatArray | None:
         """Return the centres of mass of payloads (n, 3) [mm], flange frame; the usual one where not known."""
         if "centre" not in given:
@@ -325,7 +379,7 @@ class Terms:
     def at_work(self, work: Mapping[str, float]) -> Terms:
         """Return the same terms for other conditions at work."""
         other = copy.copy(self)
-        other.work = dict(work)
+        other.work = checked_work(work)
         return other
 
     def curvature(self, design: Design) -> FloatArray:
@@ -357,7 +411,7 @@ class Terms:
     def models(self, condition: str, above_least: FloatArray) -> bool:
         """Return whether the effect of a condition counts, from the scales of `scaled_groups` over their least (g,)."""
         if condition == "payload":  # in proportion to compliance, which has no term of its own to leave out
-            return condition in self.conditions
+            return condition in self.conditions and self.compliance
         scales = zip(self.scaled_groups, above_least, strict=True)
         return any(_EFFECTS.get(group) == condition and scale > _COUNTS for group, scale in scales)
 
@@ -430,7 +484,8 @@ class Terms:
         p = _points(ends, away)
         place = self._place(q, p)
         place[turn > 0.0] += _APART  # Z is a field of positions: its part in orientations is another one
-        return Design(q, p, every, lever, place, missing, away, visit, turn)
+        mass = self._unknown_masses(q, p, lever, given)
+        return Design(q, p, every, lever, place, missing, mass, away, visit, turn)
 
     def _turn_lengths(self, theta: FloatArray, given: Mapping[str, FloatArray]) -> FloatArray:
         """Return the lengths of `Design.turn` at the nominal arm, (n,) [mm]; 0 without a measured orientation."""
