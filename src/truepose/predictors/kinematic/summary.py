@@ -64,7 +64,7 @@ def drift_table(form: Form, terms: Terms, hyper: Hyperparameters, fleet: Fleet |
         {
             "name": terms.names[k],
             "group": GROUPS[terms.group[k]],
-            "estimate": float(estimate[k] * scale[k] + mean[k]),
+            "estimate": float(estimate[k] * scale[k] + terms.centre[k] + mean[k]),
             "std": float(std[k] * scale[k]),
             "unit": terms.units[k],
             "told": bool(determined[k]),

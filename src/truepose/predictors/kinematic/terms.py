@@ -99,6 +99,8 @@ class Terms:
         The share of the noise that rows of one visit have in common, see `truepose.predictors.kinematic.visits`.
     shift : (p,) array [mm, rad], optional
         The change of registration and geometry at which the columns are computed; default: none.
+    centre : (c,) array [mm, rad], optional
+        The change of base and tool about which their prior is; default: none. Coefficients are relative to it.
 
     Attributes
     ----------
@@ -129,6 +131,7 @@ class Terms:
         reflectors: Reflectors | None = None,
         share: float = 1.0,
         shift: FloatArray | None = None,
+        centre: FloatArray | None = None,
     ) -> None:
         self.robot = robot
         self.tf_flange_tool = np.asarray(tf_flange_tool, float)
@@ -160,7 +163,10 @@ class Terms:
         self.names, self.units = [column.name for column in every], [column.unit for column in every]
         self.group = np.array([column.group for column in every])
         self.prior_std = np.array([column.prior_std for column in every])
-        self.shift = np.zeros(len(self.names)) if shift is None else shift
+        self.centre = np.zeros(len(self.names))
+        if centre is not None:
+            self.centre[self.placed] = centre
+        self.shift = self.centre if shift is None else shift
         self._values = self._model.nominal.copy()
         self._values[self._chosen] += self.shift[: len(self._chosen)]
         self._nominal_links = robot.links(self.tf_flange_tool)
@@ -187,6 +193,11 @@ class Terms:
             return _REGISTRATION
         turn = _TURN_STD[int(self.reflectors.on_a_line)]
         return {**_REGISTRATION, "tool": {**_REGISTRATION["tool"], "rad": turn}}
+
+    @property
+    def placed(self) -> IntArray:
+        """The drift columns of base and tool, (c,)."""
+        return np.flatnonzero(self.group[: self._counts[0]] == REGISTRATION)
 
     def _places(self) -> list[_Column]:
         """Return the columns of what each reflector is away from its stated place, and of a target's mounting."""
@@ -305,6 +316,13 @@ class Terms:
 
     def shifted(self, shift: FloatArray) -> Terms:
         """Return the same terms with registration and geometry changed by `shift` (p,)."""
+        return self._moved(np.where(np.arange(len(shift)) < self._counts[0], shift, 0.0), self.centre[self.placed])
+
+    def centred(self, centre: FloatArray) -> Terms:
+        """Return the same terms with the prior of base and tool about `centre` (c,), their columns computed there."""
+        return self._moved(None, centre)
+
+    def _moved(self, shift: FloatArray | None, centre: FloatArray) -> Terms:
         return Terms(
             self.robot,
             self.tf_flange_tool,
@@ -319,7 +337,8 @@ class Terms:
             work=self.work,
             reflectors=self.reflectors,
             share=self.share,
-            shift=np.where(np.arange(len(shift)) < self._counts[0], shift, 0.0),
+            shift=shift,
+            centre=centre,
         )
 
     def at_work(self, work: Mapping[str, float]) -> Terms:
@@ -329,7 +348,10 @@ class Terms:
         return other
 
     def curvature(self, design: Design) -> FloatArray:
-        """Return F(ψ + shift) − F(ψ) − J shift, the nonlinear part of the shift's effect, (n, r) [mm, rad]."""
+        """Return F(ψ + shift) − F(ψ) − J (shift − centre), the part of the shift's effect that no coefficient has.
+
+        Of shape (n, r) [mm, rad]; without a centre, it is the nonlinear part.
+        """
         if not self.shift.any():
             return np.zeros((len(design.q), design.rows))
         nominal = end_poses(self.robot.sign * design.q, self._nominal_links)
@@ -343,7 +365,7 @@ class Terms:
                 moved = np.concatenate([moved, vectors], axis=1)
             else:
                 moved = np.where(design.turn[:, None] > 0.0, design.turn[:, None] * vectors, moved)
-        return np.asarray(moved - np.einsum("nap,p->na", design.drift, self.shift / self.prior_std))
+        return np.asarray(moved - np.einsum("nap,p->na", design.drift, (self.shift - self.centre) / self.prior_std))
 
     @property
     def scaled_groups(self) -> list[int]:
