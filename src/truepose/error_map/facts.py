@@ -41,6 +41,31 @@ CODES: Final = {
         "the predictor has one standard deviation for all poses, so that no guard can act",
         "fit a Kriging or kinematic predictor",
     ),
+    "joint-zero": Kind(
+        "refuses",
+        "the zero of a joint is far off, as after a new mastering",
+        "if that joint was not mastered again, check the robot's model and the joints of the samples",
+    ),
+    "link-off": Kind(
+        "refuses",
+        "a length or an angle of a link is far beyond its tolerance",
+        "check the robot's model, row by row, and that it is this robot",
+    ),
+    "negative-lost-motion": Kind(
+        "refuses",
+        "the identified lost motion of a joint is negative",
+        "check the directions of approach (approach1 …) of the samples",
+    ),
+    "rises-under-load": Kind(
+        "refuses",
+        "the identified arm rises under its load",
+        "check the payloads (load_kg) of the samples and the mass in [payload]",
+    ),
+    "unexplained": Kind(
+        "refuses",
+        "the identified arm leaves ten times what the robot repeats",
+        "check the robot's model, and that joints and readings of a row belong together",
+    ),
     "base-turned": Kind("transforms", "the model's base is turned by quarter turns against the controller's base"),
     "moved": Kind("widens", "the tracker, the robot base or the tool moved during the campaign, which was accepted"),
     "drift": Kind("widens", "the readings drift during the campaign, which was accepted or is small"),

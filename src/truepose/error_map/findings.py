@@ -10,6 +10,7 @@ import numpy as np
 
 from truepose.error_map.data import MapData
 from truepose.error_map.facts import Fact
+from truepose.error_map.judgement import judged
 from truepose.error_map.repeatability import Repeatability
 from truepose.samples import name_points
 
@@ -25,6 +26,7 @@ def facts_of(error_map: MapData) -> list[Fact]:
         *_of_arm(error_map),
         *_of_samples(error_map),
         *_of_value(error_map),
+        *judged(error_map),
     ]
     order = ("refuses", "transforms", "widens", "told")
     return sorted(found, key=lambda fact: order.index(fact.effect))

@@ -14,6 +14,7 @@ from truepose.errors import DataError
 from truepose.predictors.base import LeaveOneOut, checked_noise
 from truepose.predictors.conditions import Usual
 from truepose.predictors.distances import DistanceRows
+from truepose.predictors.estimates import ParameterEstimates
 from truepose.predictors.kinematic.checks import check
 from truepose.predictors.kinematic.fitting import Start
 from truepose.predictors.kinematic.fleet import ANGLES, Fleet, Member
@@ -21,7 +22,7 @@ from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.inflation import Part, inflation
 from truepose.predictors.kinematic.placing import placed
 from truepose.predictors.kinematic.searched import SearchedKriging
-from truepose.predictors.kinematic.summary import drift_table
+from truepose.predictors.kinematic.summary import drift_table, estimates
 from truepose.predictors.kinematic.terms import COMPLIANCE, GEOMETRY, GROUPS, Residual, Terms
 from truepose.predictors.kinematic.turned import turned_rows, unseen, with_turns
 from truepose.predictors.kinematic.visits import SHARED
@@ -205,6 +206,11 @@ class KinematicKriging(SearchedKriging):
         self.gross_ = np.flatnonzero(self.weight_ < GROSS)
         self.inflation_ = self._inflation(self._optimum) if self.hyper is None else self.inflation or 1.0
         self.parameters_ = drift_table(self._form, self._terms, self.hyper_, self._fleet)
+
+    def parameter_estimates(self) -> ParameterEstimates:
+        """Return the drift columns with the covariance of all of them, and with their priors."""
+        self._check_fitted()
+        return estimates(self._form, self._terms, self.hyper_, self._fleet, self.inflation_)
 
     def _take(
         self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None, centre: FloatArray | None = None

@@ -199,6 +199,25 @@ class Terms:
         """The drift columns of base and tool, (c,)."""
         return np.flatnonzero(self.group[: self._counts[0]] == REGISTRATION)
 
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kind of each drift column: that of the parameter of the arm (``theta``, ``base`` …), or its group."""
+        arm = [self._model.parameters[i].group for i in self._chosen]
+        return (*arm, *(GROUPS[group] for group in self.group[len(arm) :]))
+
+    def rise(self, design: Design) -> FloatArray:
+        """Return the mean rise of the point at configurations by each joint under the largest payload, (dof, p) [mm].
+
+        Per unit of each drift coefficient; 0 for columns other than those of a payload.
+        """
+        own = slice(self._counts[0], self._counts[0] + self._counts[1])
+        joint, loaded = self._load.of_payload
+        out = np.zeros((self.robot.dof, len(self.names)))
+        here = design.turn == 0.0
+        out[joint, np.arange(own.start, own.stop)] = design.drift[here, 2, own].mean(axis=0) / self.prior_std[own]
+        out[:, own] *= loaded / max(self.usual.payload / self.usual.largest_payload, _UNSEEN)
+        return out
+
     def _places(self) -> list[_Column]:
         """Return the columns of what each reflector is away from its stated place, and of a target's mounting."""
         out = []
