@@ -167,3 +167,43 @@ def test_the_misfit_to_the_prior_stands_beside_each_parameter():
         rows = tp.fit_cell(cell, samples, predictor).predictor.parameters_
         row = next(row for row in rows if row[key] == "theta3")
         assert row["off"] == pytest.approx(row.get("estimate", row.get("change")) / row["prior_std"])
+
+
+def with_reflector(preset, off, seed=4):
+    """Return a cell and samples whose reflector sits elsewhere than the controller's tool, which is stated."""
+    virtual = tp.VirtualCell(preset, seed=seed)
+    stated = virtual.cell.tf_flange_tool
+    real = stated.copy()
+    real[:3, 3] += off
+    virtual.truth = replace(virtual.truth, tf_flange_tool=real)
+    samples = virtual.measure(virtual.design(60, seed=1))
+    return virtual.cell, replace(samples, p_cmd=samples.p_cmd.round(3))  # as a controller shows them
+
+
+@pytest.mark.parametrize("predictor", ["kinematic-kriging", "calibration", "ordinary-kriging"])
+@pytest.mark.sampled(1)
+def test_a_reflector_that_is_not_at_the_tool_is_refused(predictor):
+    """Commanded positions prove the controller's tool, and the arm is checked; the reflector is another fact."""
+    cell, samples = with_reflector("hard", np.array([9.0, -9.0, 0.0]))
+    error_map = tp.fit_cell(cell, samples, predictor)
+    facts = {fact.code: fact for fact in error_map.facts}
+    assert {"arm-checked", "reflector-off"} <= facts.keys()
+    assert facts["reflector-off"].size == pytest.approx(9.0 * np.sqrt(2.0), abs=1.5)
+    assert facts["reflector-off"].std < 1.0
+    with pytest.raises(RefusedError, match=r"the readings put the reflector 1.*accept reflector-off"):
+        error_map.correct(samples)
+    assert len(error_map.correct(samples[:2], accept={"reflector-off"}, accept_weak_map=True).verdict) == 2
+
+
+def test_a_reflector_near_the_tool_is_told():
+    error_map = tp.fit_cell(*with_reflector("hard", np.array([1.0, 1.0, 0.0])), "kinematic-kriging")
+    (fact,) = [fact for fact in error_map.facts if fact.code.startswith("reflector")]
+    assert fact.code == "reflector-checked"
+    assert fact.size == pytest.approx(np.sqrt(2.0), abs=1.0)
+
+
+def test_with_one_orientation_the_reflector_is_not_checked():
+    error_map = tp.fit_cell(*with_reflector("paper", np.array([9.0, -9.0, 0.0])), "kinematic-kriging")
+    (fact,) = [fact for fact in error_map.facts if fact.code.startswith("reflector")]
+    assert fact.code == "reflector-not-checked"
+    assert "do not tell the tool from the station" in fact.words

@@ -61,6 +61,11 @@ CODES: Final = {
         "the identified arm rises under its load",
         "check the payloads (load_kg) of the samples and the mass in [payload]",
     ),
+    "reflector-off": Kind(
+        "refuses",
+        "the readings put the reflector far from the stated tool",
+        'state the reflector\'s place on the flange in [tool], or let it be fitted with fit = "position"',
+    ),
     "unexplained": Kind(
         "refuses",
         "the identified arm leaves ten times what the robot repeats",
@@ -76,8 +81,10 @@ CODES: Final = {
         "widens", "the stated repeatability is more than three times the usual one of the robot, which is used instead"
     ),
     "one-sided": Kind("told", "all samples came from one side, so that lost motion of the joints is not known"),
-    "arm-checked": Kind("told", "the arm's model agrees with the positions that the controller shows"),
+    "arm-checked": Kind("told", "the arm's model and the controller's tool agree with the positions that it shows"),
     "arm-not-checked": Kind("told", "no positions of the controller were at hand to check the arm's model"),
+    "reflector-checked": Kind("told", "the readings put the reflector at the stated tool, or near it"),
+    "reflector-not-checked": Kind("told", "whether the reflector sits at the stated tool was not checked"),
     "registration": Kind("told", "what the registration found beside station and tool"),
     "left-out": Kind("told", "readings that contradict the others, or were masked, took no part in the fit"),
 }

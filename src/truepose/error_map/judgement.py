@@ -17,8 +17,9 @@ import numpy as np
 from truepose._typing import FloatArray
 from truepose.error_map.data import MapData
 from truepose.error_map.facts import Fact
+from truepose.error_map.registration import tool_estimate
 from truepose.error_map.repeatability import USUAL_RP_MM, Repeatability
-from truepose.predictors.abilities import ParameterEstimating
+from truepose.predictors.abilities import JointwisePredicting, ParameterEstimating
 from truepose.predictors.estimates import ParameterEstimates
 
 _TOLERANCE: Final = {"rad": 1e-3, "mm": 0.5}  # of links, as in kinematic Kriging
@@ -41,7 +42,9 @@ _SHARED: Final = 2.0  # limits, for a parameter that others explain as well: mod
 _SIGMAS: Final = 5.0  # of a wrong sign
 _LEAST_RISE_MM: Final = 0.05
 _LEAST_LOST: Final = 2e-5  # rad
-_TIMES_RP: Final = 10.0
+_KNOWN_MM: Final = 1.0  # standard deviation of a direction in which the reflector is compared
+_TOOL_MM: Final = 8.0  # four standard deviations of a tool that was found by touching a tip from four sides
+_TIMES_RP: Final = (10.0, 30.0)  # that an arm may leave with errors of single joints in its model, and without
 _ENOUGH: Final = 30  # samples; fewer leave large residuals for want of readings
 _REMASTERED: Final = (
     "the likeliest cause is a joint that was mastered again, or whose zero in the robot's model is another one"
@@ -61,9 +64,11 @@ def judged(error_map: MapData) -> Iterator[Fact]:
     """Return what is wrong with the parameters that the predictor of a map identified."""
     predictor = getattr(error_map.predictor, "calibration_", error_map.predictor)
     if not isinstance(predictor, ParameterEstimating):
+        yield _reflector_of_readings(error_map)
         return
     found = predictor.parameter_estimates()
     off, solved = explained(found)
+    yield _reflector(error_map, found, *solved)
     yield from _of_links(found, off)
     yield from _of_reversals(found, *solved)
     yield from _of_load(found, *solved)
@@ -172,21 +177,57 @@ def _of_load(found: ParameterEstimates, mean: FloatArray, covariance: FloatArray
         k = min(wrong, key=lambda one: mean[one] / std_of[one])
         words = (
             f"joint {found.names[k].rpartition('q')[2]} turns against gravity, by {_signed(1e6 * mean[k])} µrad/Nm ± "
-            f"{1e6 * std_of[k]:.3f} µrad/Nm: no joint does; the likeliest cause is a wrong payload, or a base that does "
-            "not stand upright"
+            f"{1e6 * std_of[k]:.3f} µrad/Nm: no joint does; the likeliest cause is a wrong payload, or a base that "
+            "does not stand upright"
         )
         yield Fact("rises-under-load", words, "fit", 1e6 * float(mean[k]), 1e6 * float(std_of[k]), "µrad/Nm")
 
 
+def _reflector(error_map: MapData, found: ParameterEstimates, mean: FloatArray, covariance: FloatArray) -> Fact:
+    """Compare the reflector with the stated tool, in the directions that the samples determine."""
+    own = [k for k, kind in enumerate(found.kinds) if kind == "tool" and found.units[k] == "mm"]
+    variance, axes = np.linalg.eigh(covariance[np.ix_(own, own)])
+    told = variance < _KNOWN_MM**2
+    if error_map.tool_fitted or not told.any():
+        return _unchecked(error_map)
+    away = axes.T[told] @ mean[own]
+    return _of_distance(float(np.linalg.norm(away)), float(np.sqrt(np.maximum(variance[told], 0.0).sum())))
+
+
+def _reflector_of_readings(error_map: MapData) -> Fact:
+    """Compare the tool that fits the readings of the nominal arm best with the stated one."""
+    found = tool_estimate(error_map.cell, error_map.robot, error_map.samples)
+    if found is None or (std := float(np.linalg.norm(found.std_mm))) >= _KNOWN_MM:
+        return _unchecked(error_map)
+    return _of_distance(found.distance_mm, std)
+
+
+def _of_distance(away: float, std: float) -> Fact:
+    where = f"the readings put the reflector {away:.2f} mm ± {std:.2f} mm from the stated tool"
+    if away < max(_SIGMAS * std, _TOOL_MM):
+        return Fact("reflector-checked", where, "fit", away, std, "mm")
+    words = (
+        f"{where}, {away / max(std, 1e-3):.0f} times its error, more than the {_TOOL_MM:g} mm by which a stated tool "
+        "may be off: corrections would bring the reflector to the targets, not the tool"
+    )
+    return Fact("reflector-off", words, "fit", away, std, "mm")
+
+
+def _unchecked(error_map: MapData) -> Fact:
+    why = "it was fitted" if error_map.tool_fitted else "the samples do not tell the tool from the station"
+    return Fact("reflector-not-checked", f"whether the reflector sits at the stated tool was not checked: {why}", "fit")
+
+
 def _of_residual(error_map: MapData) -> Iterator[Fact]:
     known = Repeatability.of(error_map.cell, error_map.robot)
-    limit = _TIMES_RP * max(known.usual or USUAL_RP_MM, known.known or 0.0)
+    repeats = max(known.usual or USUAL_RP_MM, known.known or 0.0)
+    times = _TIMES_RP[0 if isinstance(error_map.predictor, JointwisePredicting) else 1]
     left = np.linalg.norm(error_map.predictor.leave_one_out().residual, axis=1)
-    if len(left) < _ENOUGH or (typical := float(np.median(left))) <= limit:
+    if len(left) < _ENOUGH or (typical := float(np.median(left))) <= times * repeats:
         return
     words = (
-        f"the identified arm leaves {typical:.3f} mm (median) at its own samples, more than {_TIMES_RP:g} times what "
-        f"such a robot repeats ({limit / _TIMES_RP:g} mm); the likeliest cause is another robot than the model's, or a "
+        f"the identified arm leaves {typical:.3f} mm (median) at its own samples, more than {times:g} times what "
+        f"such a robot repeats ({repeats:g} mm); the likeliest cause is another robot than the model's, or a "
         "column of another row"
     )
     yield Fact("unexplained", words, "fit", typical, None, "mm")

@@ -47,7 +47,7 @@ class ParameterEstimates:
         return np.sqrt(self.inflation * np.maximum(np.diag(self.covariance), 0.0))
 
     def information(self, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return what the samples alone say: precision (p, p) and precision times the change, both over `scale` (p,)."""
+        """Return what the samples alone say: precision (p, p), and precision times the change, over `scale` (p,)."""
         prior = np.where(np.isfinite(self.prior_std), (scale / self.prior_std) ** 2, 0.0)
         covariance = self.covariance / (scale[:, None] * scale)
         value, vector = np.linalg.eigh(covariance)

@@ -148,6 +148,7 @@ def _cell(evidence: Evidence, say: Locale) -> Section:
         "tracker": _tracker(evidence, say),
         "samples": say(with_joints, n=len(samples), source=samples.source),
         "arm": _arm(evidence, say),
+        "reflector": _reflector(evidence, say),
         "held_out": tested,
         "region": say("cell.region_text", **bounds),
         "campaign": _campaign(error_map.campaign, say),
@@ -191,6 +192,14 @@ def _arm(evidence: Evidence, say: Locale) -> str | None:
     if not found.checked or found.residual_mm is None:
         return None
     return say("cell.arm_checked", n=found.n, residual=found.residual_mm)
+
+
+def _reflector(evidence: Evidence, say: Locale) -> str | None:
+    """Return where the readings put the reflector; None where they do not tell."""
+    for fact in evidence.error_map.facts:
+        if fact.code in ("reflector-checked", "reflector-off"):
+            return say("cell.reflector_at", size=fact.size, std=fact.std)
+    return None
 
 
 def _tracker(evidence: Evidence, say: Locale) -> str | None:
