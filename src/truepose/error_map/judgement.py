@@ -62,17 +62,27 @@ class Off(NamedTuple):
 
 def judged(error_map: MapData) -> Iterator[Fact]:
     """Return what is wrong with the parameters that the predictor of a map identified."""
-    predictor = getattr(error_map.predictor, "calibration_", error_map.predictor)
-    if not isinstance(predictor, ParameterEstimating):
+    found = _estimated(error_map)
+    if found is None:
         yield _reflector_of_readings(error_map)
         return
-    found = predictor.parameter_estimates()
     off, solved = explained(found)
     yield _reflector(error_map, found, *solved)
     yield from _of_links(found, off)
     yield from _of_reversals(found, *solved)
     yield from _of_load(found, *solved)
     yield from _of_residual(error_map)
+
+
+def reflector(error_map: MapData) -> Fact:
+    """Return whether the readings put the reflector at the stated tool."""
+    found = _estimated(error_map)
+    return _reflector_of_readings(error_map) if found is None else _reflector(error_map, found, *explained(found)[1])
+
+
+def _estimated(error_map: MapData) -> ParameterEstimates | None:
+    predictor = getattr(error_map.predictor, "calibration_", error_map.predictor)
+    return predictor.parameter_estimates() if isinstance(predictor, ParameterEstimating) else None
 
 
 def explained(found: ParameterEstimates) -> tuple[list[Off], tuple[FloatArray, FloatArray]]:

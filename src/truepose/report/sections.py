@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose._version import version
+from truepose.error_map.judgement import reflector
 from truepose.geometry import ANGLES, euler
 from truepose.report import conformity, identity, records, scene, verification
 from truepose.report.arm import rods
@@ -196,10 +197,8 @@ def _arm(evidence: Evidence, say: Locale) -> str | None:
 
 def _reflector(evidence: Evidence, say: Locale) -> str | None:
     """Return where the readings put the reflector; None where they do not tell."""
-    for fact in evidence.error_map.facts:
-        if fact.code in ("reflector-checked", "reflector-off"):
-            return say("cell.reflector_at", size=fact.size, std=fact.std)
-    return None
+    found = reflector(evidence.error_map)
+    return None if found.size is None else say("cell.reflector_at", size=found.size, std=found.std)
 
 
 def _tracker(evidence: Evidence, say: Locale) -> str | None:
