@@ -45,7 +45,9 @@ LIMIT = 0.1 + 4.0 * 0.2 * np.sqrt(3.0 / 12.0)
 
 
 def test_a_stated_tool_may_be_off_by_a_tenth_and_four_standard_deviations() -> None:
-    assert check_arm(ROBOT, shown(), stated(0.99 * LIMIT)).words.endswith(" The tool agrees with them within 0.495 mm.")
+    assert check_arm(ROBOT, shown(), stated(0.99 * LIMIT)).words.endswith(
+        " The controller's tool agrees with [tool] within 0.495 mm."
+    )
     with pytest.raises(DataError, match=r"states \(110\.30, 0\.00, 360\.40\) mm, 0\.50 mm apart"):
         check_arm(ROBOT, shown(), stated(1.01 * LIMIT))
     check_arm(ROBOT, shown(off=0.0), stated(0.099))

@@ -47,7 +47,7 @@ def test_a_tool_that_the_positions_contradict_is_refused(virtual, shown, cell_te
     record_property("cases", 3 * len(wrong))
     found = tp.fit_cell(cell_of(cell_text, fit="none"), shown, "registration").arm_check
     assert found.checked
-    assert "The tool agrees with them within 0.0" in found.words
+    assert "The controller's tool agrees with [tool] within 0.0" in found.words
     np.testing.assert_allclose(found.p_flange_tool_mm, [110.0, 0.0, 360.0], atol=0.01)
 
 

@@ -9,7 +9,7 @@ import typer
 
 from truepose.cli.options import Force, Json, MapPath
 from truepose.cli.output import emit_json, overwrite, say, table, working
-from truepose.cli.summaries import show_calibration, show_fleet
+from truepose.cli.summaries import OFF, show_calibration, show_fleet
 
 if TYPE_CHECKING:
     from truepose.compensation import Gap
@@ -91,7 +91,7 @@ def _show_parameters(found: Knowledge) -> None:
     if (calibration := calibration_of(found.error_map.predictor)) is not None:
         show_calibration(calibration)
     elif found.parameters:
-        say(table("Parameters", ["", "estimate", "± std", "unit", ""], map(_parameter, found.parameters)))
+        say(table("Parameters", ["", "estimate", "± std", "unit", OFF, ""], map(_parameter, found.parameters)))
     if found.curves:
         columns = ["joint", "from [deg]", "to [deg]", "RMS [mrad]", "mean std [mrad]"]
         say(table("Joint curves, without the mean and first harmonic (geometry)", columns, map(_curve, found.curves)))
@@ -120,7 +120,8 @@ def _effect(row: dict[str, Any]) -> tuple[str, ...]:
 def _parameter(row: dict[str, Any]) -> tuple[str, ...]:
     factor, unit = (1e3, "mrad" + row["unit"][3:]) if row["unit"].startswith("rad") else (1.0, row["unit"])
     note = "" if row["told"] else "poorly determined"
-    return row["name"], f"{factor * row['estimate']:.4f}", f"{factor * row['std']:.4f}", unit, note
+    off = f"{row['off']:+.1f}"
+    return row["name"], f"{factor * row['estimate']:.4f}", f"{factor * row['std']:.4f}", unit, off, note
 
 
 def _short(value: Any) -> str:

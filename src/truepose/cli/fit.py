@@ -122,6 +122,8 @@ def _show(error_map: ErrorMap, *, parameters: bool) -> None:
     colour = "green" if error_map.arm_check.checked else "yellow"
     say(f"[{colour}]Arm and tool[/]: {escape(error_map.arm_check.words)}")
     for fact in error_map.facts:
+        if fact.code in ("reflector-checked", "reflector-not-checked"):
+            say(f"Reflector: {escape(fact.words[0].upper() + fact.words[1:])}.")
         if fact.effect in _EFFECTS and fact.code not in _SAID_ELSEWHERE:
             say(f"[yellow]Fact {fact.code}[/]: {escape(fact.words)} ({_EFFECTS[fact.effect]}).")
     if registration.hint:

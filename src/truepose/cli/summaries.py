@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 _SHOWN_UNITS: Final = {"rad": ("deg", 57.29577951308232, 4), "rad/Nm": ("µrad/Nm", 1e6, 3), "mm": ("mm", 1.0, 3)}
 _JOINT_UNIT: Final = ("mrad", 1e3, 4)
+OFF: Final = "off [prior σ]"
+"""The column of how many prior standard deviations a parameter is from its nominal value."""
 _SOURCES: Final = {"tolerance": "manufacturing tolerances only", "subset": "nominal values"}
 
 
@@ -75,7 +77,7 @@ def show_calibration(calibration: KinematicCalibration, *, parameters: bool = Tr
     """Show how well the poses determine the parameters of the arm, and on request the identified parameters."""
     seen, p = calibration.observability_, len(calibration.parameters_)
     if parameters:
-        columns = ("parameter", "nominal", "identified", "± std", "unit", "")
+        columns = ("parameter", "nominal", "identified", "± std", "unit", OFF, "")
         title = f"Identified parameters ({calibration.convention}, method {calibration.method})"
         say(table(title, columns, [_cells(row) for row in calibration.parameters_]))
     unknown = f"; {p - seen.rank} combinations are set by {_SOURCES[calibration.prior]}" if seen.rank < p else ""
@@ -107,4 +109,4 @@ def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
         unit, factor, digits = _JOINT_UNIT
     nominal, identified = (f"{factor * row[key]:.{digits}f}" for key in ("nominal", "identified"))
     std = "–" if row["std"] is None else f"{factor * row['std']:.{digits}f}"
-    return row["parameter"], nominal, identified, std, unit, row["note"]
+    return row["parameter"], nominal, identified, std, unit, f"{row['off']:+.1f}", row["note"]

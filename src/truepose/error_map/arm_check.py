@@ -163,7 +163,7 @@ def check_arm(robot: Robot, poses: Poses, tf_flange_tool: FloatArray, *, fit: Fi
     if fit == "none":
         if away > limit:
             raise poses.error(_other_tool(tf_base_flange, poses.p_cmd, implied, stated, away))
-        notes.append(f"The tool agrees with them within {away:.3f} mm.")
+        notes.append(f"The controller's tool agrees with [tool] within {away:.3f} mm.")
     elif away > limit + _OTHER_POINT_MM:
         notes.append(
             f"They are of another point than the measured one, {away:.2f} mm from it: the controller's tool is "

@@ -41,6 +41,36 @@ CODES: Final = {
         "the predictor has one standard deviation for all poses, so that no guard can act",
         "fit a Kriging or kinematic predictor",
     ),
+    "joint-zero": Kind(
+        "refuses",
+        "the zero of a joint is far off, as after a new mastering",
+        "if that joint was not mastered again, check the robot's model and the joints of the samples",
+    ),
+    "link-off": Kind(
+        "refuses",
+        "a length or an angle of a link is far beyond its tolerance",
+        "check the robot's model, row by row, and that it is this robot",
+    ),
+    "negative-lost-motion": Kind(
+        "refuses",
+        "the identified lost motion of a joint is negative",
+        "check the directions of approach (approach1 …) of the samples",
+    ),
+    "rises-under-load": Kind(
+        "refuses",
+        "the identified arm rises under its load",
+        "check the payloads (load_kg) of the samples and the mass in [payload]",
+    ),
+    "reflector-off": Kind(
+        "refuses",
+        "the readings put the reflector far from the stated tool",
+        'state the reflector\'s place on the flange in [tool], or let it be fitted with fit = "position"',
+    ),
+    "unexplained": Kind(
+        "refuses",
+        "the identified arm leaves ten times what the robot repeats",
+        "check the robot's model, and that joints and readings of a row belong together",
+    ),
     "base-turned": Kind("transforms", "the model's base is turned by quarter turns against the controller's base"),
     "moved": Kind("widens", "the tracker, the robot base or the tool moved during the campaign, which was accepted"),
     "drift": Kind("widens", "the readings drift during the campaign, which was accepted or is small"),
@@ -57,8 +87,10 @@ CODES: Final = {
     "sides-not-stated": Kind("told", "the samples do not state from which side the joints came"),
     "work-not-stated": Kind("widens", "a temperature or payload that differs among the samples is not stated for work"),
     "work-not-measured": Kind("widens", "the temperature or payload at work is one that no sample had"),
-    "arm-checked": Kind("told", "the arm's model agrees with the positions that the controller shows"),
+    "arm-checked": Kind("told", "the arm's model and the controller's tool agree with the positions that it shows"),
     "arm-not-checked": Kind("told", "no positions of the controller were at hand to check the arm's model"),
+    "reflector-checked": Kind("told", "the readings put the reflector at the stated tool, or near it"),
+    "reflector-not-checked": Kind("told", "whether the reflector sits at the stated tool was not checked"),
     "registration": Kind("told", "what the registration found beside station and tool"),
     "left-out": Kind("told", "readings that contradict the others, or were masked, took no part in the fit"),
 }

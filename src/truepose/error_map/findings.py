@@ -10,6 +10,7 @@ import numpy as np
 
 from truepose.error_map.conditions import conditions_of, not_covered
 from truepose.error_map.facts import Fact
+from truepose.error_map.judgement import judged
 from truepose.error_map.lost_motion import from_other_sides
 from truepose.error_map.prediction import PredictingMap
 from truepose.error_map.repeatability import Repeatability
@@ -29,6 +30,7 @@ def facts_of(error_map: PredictingMap) -> list[Fact]:
         *_of_samples(error_map),
         *_of_work(error_map),
         *_of_value(error_map),
+        *judged(error_map),
     ]
     order = ("refuses", "transforms", "widens", "told")
     return sorted(found, key=lambda fact: order.index(fact.effect))

@@ -34,7 +34,8 @@ def parameter_table(
     -------
     list of dict
         ``parameter``, ``group``, ``unit``, ``nominal``, ``identified``, ``change``, ``std`` (None where the
-        parameter was kept), and ``note``, a remark on its identifiability.
+        parameter was kept), ``prior_std``, its tolerance, ``off``, the change in multiples of that, and ``note``, a
+        remark on its identifiability.
     """
     std = np.sqrt(np.diag(solution.covariance))
     rows = []
@@ -49,6 +50,8 @@ def parameter_table(
                 "identified": float(arm.nominal[k] + solution.x[k]),
                 "change": float(solution.x[k]),
                 "std": float(std[k]) if free else None,
+                "prior_std": float(arm.tolerance[k]),
+                "off": float(solution.x[k] / arm.tolerance[k]),
                 "note": _note(parameter.name, free, float(std[k] / arm.tolerance[k]), seen.apart, prior),
             }
         )

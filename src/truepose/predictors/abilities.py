@@ -11,6 +11,7 @@ from truepose._typing import FloatArray, IntArray
 from truepose.numerics.frozen import Constants
 from truepose.numerics.frozen_deviation import Deviation
 from truepose.predictors.distances import DistanceRows
+from truepose.predictors.estimates import ParameterEstimates
 
 
 @runtime_checkable
@@ -102,6 +103,9 @@ class ParameterEstimating(Protocol):
     """A fitted predictor that estimated parameters of the arm."""
 
     parameters_: Sequence[dict[str, Any]]
+
+    def parameter_estimates(self) -> ParameterEstimates:
+        """Return the parameters with the covariance of all of them, and with their priors."""
 
 
 @runtime_checkable

@@ -32,6 +32,7 @@ from truepose.numerics.frozen import Constants
 from truepose.predictors.base import LeaveOneOut
 from truepose.predictors.conditioned import ConditionedPredictor
 from truepose.predictors.conditions import separated
+from truepose.predictors.estimates import ParameterEstimates
 from truepose.predictors.folds import blocks_by_size
 from truepose.predictors.orientation import at_offset
 from truepose.predictors.reflectors import REFLECTOR, Reflectors, whole_poses
@@ -263,6 +264,22 @@ class KinematicCalibration(ConditionedPredictor):
         columns = data.jacobian(self._arm, x)
         variance = np.einsum("nkp,pr,nkr->nk", columns, self._covariance, columns)
         return e, np.sqrt(variance)
+
+    def parameter_estimates(self) -> ParameterEstimates:
+        """Return the identified changes with the covariance of all of them; those that were kept are left out."""
+        self._check_fitted()
+        found, arm = self.solution_, self._arm
+        free, prior = np.flatnonzero(found.free), self.prior == "tolerance"
+        own = [arm.parameters[i] for i in free]
+        return ParameterEstimates(
+            names=tuple(parameter.name for parameter in own),
+            kinds=tuple(parameter.group for parameter in own),
+            units=tuple(parameter.unit for parameter in own),
+            mean=found.x[free],
+            covariance=self._covariance[np.ix_(free, free)],
+            prior_mean=np.zeros(len(free)),
+            prior_std=arm.tolerance[free] if prior else np.full(len(free), np.inf),
+        )
 
     @property
     def _covariance(self) -> FloatArray:

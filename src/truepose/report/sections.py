@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose._version import version
+from truepose.error_map.judgement import reflector
 from truepose.geometry import ANGLES, euler
 from truepose.report import conformity, identity, records, scene, verification
 from truepose.report.arm import rods
@@ -148,6 +149,7 @@ def _cell(evidence: Evidence, say: Locale) -> Section:
         "tracker": _tracker(evidence, say),
         "samples": say(with_joints, n=len(samples), source=samples.source),
         "arm": _arm(evidence, say),
+        "reflector": _reflector(evidence, say),
         "held_out": tested,
         "region": say("cell.region_text", **bounds),
         "campaign": _campaign(error_map.campaign, say),
@@ -191,6 +193,12 @@ def _arm(evidence: Evidence, say: Locale) -> str | None:
     if not found.checked or found.residual_mm is None:
         return None
     return say("cell.arm_checked", n=found.n, residual=found.residual_mm)
+
+
+def _reflector(evidence: Evidence, say: Locale) -> str | None:
+    """Return where the readings put the reflector; None where they do not tell."""
+    found = reflector(evidence.error_map)
+    return None if found.size is None else say("cell.reflector_at", size=found.size, std=found.std)
 
 
 def _tracker(evidence: Evidence, say: Locale) -> str | None:

@@ -26,7 +26,7 @@ def constants_of(form: Form, terms: Terms, joints: IntArray, hyper: Hyperparamet
     robot, dof = terms.robot, terms.robot.dof
     estimate = form.drift_estimate()[0] * terms.prior_std
     mean = np.zeros(len(estimate)) if fleet is None else fleet.coefficients(terms)
-    estimate = estimate + mean
+    estimate = estimate + terms.centre + mean
     links, twists, p = terms.linearised
     growth = terms.growth()[0]
     curved = fleet is not None and fleet.level == "mean"

@@ -87,5 +87,6 @@ def amplitudes(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         size = float(np.hypot(*value))
         along = float(np.hypot(*(value * std))) / size if size else float(std.max())
         name = sine["name"].replace(" sin", "")
-        out.append({**sine, "name": name, "estimate": size, "std": along, "told": sine["told"] or cosine["told"]})
+        row = {key: sine[key] for key in sine if key not in ("prior_std", "off")}  # an amplitude has no such prior
+        out.append({**row, "name": name, "estimate": size, "std": along, "told": sine["told"] or cosine["told"]})
     return out

@@ -14,13 +14,15 @@ from truepose.errors import DataError
 from truepose.predictors.base import LeaveOneOut, checked_noise
 from truepose.predictors.conditions import Usual
 from truepose.predictors.distances import DistanceRows
+from truepose.predictors.estimates import ParameterEstimates
 from truepose.predictors.kinematic.checks import check
 from truepose.predictors.kinematic.fitting import Start
 from truepose.predictors.kinematic.fleet import ANGLES, Fleet, Member
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.inflation import Part, inflation
+from truepose.predictors.kinematic.placing import placed
 from truepose.predictors.kinematic.searched import SearchedKriging
-from truepose.predictors.kinematic.summary import drift_table
+from truepose.predictors.kinematic.summary import drift_table, estimates
 from truepose.predictors.kinematic.terms import COMPLIANCE, GEOMETRY, GROUPS, Residual, Terms
 from truepose.predictors.kinematic.turned import turned_rows, unseen, with_turns
 from truepose.predictors.kinematic.visits import SHARED
@@ -83,6 +85,8 @@ class KinematicKriging(SearchedKriging):
     reference : mapping, optional
         The conditions that the effects of a fit refer to, see `truepose.predictors.conditions.Usual.reference`;
         default: those of the samples.
+    registration : (c,) sequence [mm, rad], optional
+        The change of base and tool about which their prior is, together with `hyper`; default: found.
     fleet : dict, optional
         What other robots of the type say, see `truepose.predictors.kinematic.fleet.Fleet`; of it, the fit takes what
         raises the evidence.
@@ -156,6 +160,7 @@ class KinematicKriging(SearchedKriging):
         joints: Sequence[int] | None = None,
         inflation: float | None = None,
         reference: Mapping[str, Any] | None = None,
+        registration: Sequence[float] | None = None,
         fleet: dict[str, Any] | None = None,
         random_state: int = 0,
     ) -> None:
@@ -180,13 +185,15 @@ class KinematicKriging(SearchedKriging):
         self.joints = joints
         self.inflation = inflation
         self.reference = reference
+        self.registration = registration
         self.fleet = fleet
         self.random_state = random_state
 
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
         check(self, e, X)
         assert self.robot is not None
-        self._take(X, e, noise_std, self.reference)
+        centre = None if self.registration is None else np.asarray(self.registration, float)
+        self._take(X, e, noise_std, self.reference, centre)
         design = self._terms.at(self._x)
         seen = self._terms.seen(design) if self.joints is None else np.asarray(self.joints, np.int64)
         self.joints_ = seen if self.joint_errors else np.empty(0, np.int64)
@@ -200,14 +207,24 @@ class KinematicKriging(SearchedKriging):
             self._weight = given[: len(self._e)]
             self._settle(given[len(self._e) :])
         else:
-            self._optimum = self._search(design) if self._fleet is None else self._taking(self._fleet, design)
+            self._optimum = self._search() if self._fleet is None else self._taking(self._fleet)
             self._settle(np.empty(0), solved=True)
         self.gross_ = np.flatnonzero(self.weight_ < GROSS)
         self.inflation_ = self._inflation(self._optimum) if self.hyper is None else self.inflation or 1.0
         self.parameters_ = drift_table(self._form, self._terms, self.hyper_, self._fleet)
 
+    def parameter_estimates(self) -> ParameterEstimates:
+        """Return the drift columns with the covariance of all of them, and with their priors."""
+        self._check_fitted()
+        return estimates(self._form, self._terms, self.hyper_, self._fleet, self.inflation_)
+
     def _take(
-        self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None, reference: Mapping[str, Any] | None
+        self,
+        X: FloatArray,
+        e: FloatArray,
+        noise_std: FloatArray | None,
+        reference: Mapping[str, Any] | None,
+        centre: FloatArray | None,
     ) -> None:
         """Set the samples and the terms at the nominal arm, and choose the solver."""
         assert self.robot is not None
@@ -229,9 +246,21 @@ class KinematicKriging(SearchedKriging):
             share=SHARED[0 if noise_std is not None and (noise_std > 0.0).all() else 1],
         )
         self._x, self._e, self._reading, self._own = with_turns(self._terms, X, e, noise_std)
+        if centre is not None and len(centre) != len(self._terms.placed):
+            raise DataError(f"registration has {len(centre)} numbers, expected {len(self._terms.placed)}")
+        if centre is not None:
+            self._nominal = self._terms.centred(centre)
+        elif self.hyper is None:
+            self._nominal = placed(self._terms, self._x, self._e)
+        self._terms = self._nominal
         self._distant = 0
         few = len(self._e) <= EXACT_UP_TO
         self.solver_ = ("covariance" if few else "basis") if self.solver == "auto" else self.solver
+
+    @property
+    def _centre(self) -> FloatArray:
+        """The centre of the prior of base and tool, (c,) [mm, rad]."""
+        return self._nominal.centre[self._nominal.placed]
 
     @property
     def fleet_(self) -> dict[str, Any]:
@@ -356,7 +385,7 @@ class KinematicKriging(SearchedKriging):
         noise = None if reading is None or old_noise is None else np.concatenate([old_noise, reading])
         self._given = np.concatenate([old_x, x]), np.concatenate([old_e, e]), noise
         old_weight, n = self._weight[: len(self._weight) - self._distant], len(old_e)
-        self._take(*self._given, self._terms.usual.reference)
+        self._take(*self._given, self._terms.usual.reference, self._centre)
         fresh = self._own >= n
         self._weight = np.ones(len(self._e))
         self._weight[~fresh] = old_weight
@@ -405,5 +434,6 @@ class KinematicKriging(SearchedKriging):
             "joints": self.joints_.tolist(),
             "inflation": self.inflation_,
             "reference": self._terms.usual.reference if self.conditions else None,
+            "registration": self._centre.tolist(),
             "fleet": None if self._fleet is None else self._fleet.to_dict(),
         }

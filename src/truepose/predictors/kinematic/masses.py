@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from truepose._typing import FloatArray
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.robots import Robot
 
@@ -80,6 +80,11 @@ class Masses:
         if load is not None:
             moment[:, self.plain :] *= load
         return np.asarray(lever[:, :, j] * (moment / _MOMENT_ARM)[:, None, :])
+
+    @property
+    def of_payload(self) -> tuple[IntArray, BoolArray]:
+        """The joint of each column, and whether its mass is the payload's."""
+        return self._joint, np.arange(len(self._joint)) >= self._plain
 
     def moments(self, estimate: FloatArray, load: float, power: int = 1) -> FloatArray:
         """Return the deviation of each joint by each mass per horizontal lever, (dof, dof + 1, …) [rad/mm].

@@ -25,6 +25,7 @@ from truepose.predictors.kinematic.fitting import (
 from truepose.predictors.kinematic.fleet import LEVELS, PAYS, Fleet
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters, HyperPrior
 from truepose.predictors.kinematic.inflation import SEARCHED
+from truepose.predictors.kinematic.placing import INSIDE
 from truepose.predictors.kinematic.terms import GROUPS
 from truepose.predictors.kinematic.weights import ROUNDS, SETTLED, first_weights, robust_weights
 from truepose.predictors.reflectors import REFLECTOR, whole_poses
@@ -53,16 +54,16 @@ class SearchedKriging(DistantKriging):
 
     _from: tuple[IntArray, Start] | None = None  # the joints and the start of `start_from`
 
-    def _taking(self, fleet: Fleet, design: Design) -> Start:
+    def _taking(self, fleet: Fleet) -> Start:
         """Solve with what raises the evidence: nothing of the fleet, its hyperparameters, or also its mean error."""
         rows = np.sort(np.random.default_rng(self.random_state).permutation(len(self._e))[:SEARCHED])
-        first = self._tried(replace(fleet, level=LEVELS[0]), design, rows)
-        tried = [first, self._tried(replace(fleet, level=LEVELS[1]), design, rows, first)]
+        first = self._tried(replace(fleet, level=LEVELS[0]), rows)
+        tried = [first, self._tried(replace(fleet, level=LEVELS[1]), rows, first)]
         if len(fleet.curves):
-            tried.append(self._tried(replace(fleet, level=LEVELS[2], scale=1.0), design, rows, first))
+            tried.append(self._tried(replace(fleet, level=LEVELS[2], scale=1.0), rows, first))
             scale = self._best_scale(rows)
             if abs(scale - 1.0) > _SCALE_SETTLED:
-                tried.append(self._tried(replace(fleet, level=LEVELS[2], scale=scale), design, rows, first))
+                tried.append(self._tried(replace(fleet, level=LEVELS[2], scale=scale), rows, first))
         best = max(tried, key=lambda one: one.evidence - PAYS * LEVELS.index(one.found["_fleet"].level))
         for name, value in best.found.items():
             setattr(self, name, value)
@@ -70,10 +71,10 @@ class SearchedKriging(DistantKriging):
         self._solve()
         return best.optimum
 
-    def _tried(self, fleet: Fleet, design: Design, rows: IntArray, first: _Tried | None = None) -> _Tried:
+    def _tried(self, fleet: Fleet, rows: IntArray, first: _Tried | None = None) -> _Tried:
         """Search with a step of the fleet; the evidence is that of some rows with the weights of the first search."""
         self._fleet, self._terms = fleet, self._nominal
-        optimum = self._search(design)
+        optimum = self._search()
         found = {name: getattr(self, name) for name in _SEARCHED_FOR}
         self._weight = self._weight if first is None else first.found["_weight"]
         return _Tried(log_evidence(self._likelihood(self._form.design, rows), optimum), optimum, found)
@@ -88,9 +89,22 @@ class SearchedKriging(DistantKriging):
         curved = value[0] - 2.0 * value[1] + value[2]
         return float(np.clip(0.5 + 0.25 * (value[0] - value[2]) / curved, 0.0, 1.0)) if curved > 0.0 else 1.0
 
-    def _search(self, design: Design) -> Start:
+    def _search(self) -> Start:
+        """Solve with the best hyperparameters; again about the estimated base and tool while they leave their prior."""
+        found = self._search_here()
+        for _ in range(_LINEARISATIONS):
+            own = self._nominal.placed
+            estimate = self._form.drift_estimate()[0][own]
+            if np.abs(estimate).max(initial=0.0) <= INSIDE:
+                break
+            centre = self._nominal.centre[own] + estimate * self._nominal.prior_std[own]
+            self._terms = self._nominal = self._nominal.centred(centre)
+            found = self._search_here()
+        return found
+
+    def _search_here(self) -> Start:
         """Solve with the best hyperparameters, found at the nominal arm, and again where the estimated one is far."""
-        found, searched_at = self._estimate(design, None), np.zeros_like(self._e)
+        found, searched_at = self._estimate(self._nominal.at(self._x), None), np.zeros_like(self._e)
         for _ in range(_LINEARISATIONS):
             self._solve()
             curvature = self._terms.curvature(self._form.design)
@@ -167,7 +181,8 @@ class SearchedKriging(DistantKriging):
         before = np.zeros_like(self._e)
         for _ in range(_LINEARISATIONS):
             self._aim()
-            self._terms = self._terms.shifted(self._form.drift_estimate()[0] * self._terms.prior_std)
+            moved = self._form.drift_estimate()[0] * self._terms.prior_std
+            self._terms = self._terms.shifted(self._terms.centre + moved)
             design = self._terms.at(self._x)
             self._form = self._solved(design)
             curvature = self._terms.curvature(design)

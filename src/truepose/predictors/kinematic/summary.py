@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from truepose._typing import FloatArray
+from truepose.predictors.estimates import ParameterEstimates
 from truepose.predictors.kinematic.basis_form import BasisForm
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, tolerances
 from truepose.predictors.kinematic.fleet import Fleet
@@ -55,19 +56,43 @@ def joint_curve(
 
 
 def drift_table(form: Form, terms: Terms, hyper: Hyperparameters, fleet: Fleet | None = None) -> list[dict[str, Any]]:
-    """Return one row per drift column: estimate and standard deviation, and whether the data determine it."""
-    mean = np.zeros(len(terms.names)) if fleet is None else fleet.coefficients(terms)
-    estimate, covariance = form.drift_estimate()
-    std, scale = np.sqrt(np.maximum(np.diag(covariance), 0.0)), terms.prior_std
-    determined = np.where(terms.group == REGISTRATION, std < 0.5, std < 0.8 * tolerances(terms, hyper))
+    """Return one row per drift column: estimate and standard deviation, and whether the data determine it.
+
+    ``prior_std`` is that of the fit, and ``off`` how many of these the estimate is from its prior mean.
+    """
+    found, scale = estimates(form, terms, hyper, fleet), terms.prior_std
+    std = found.std
+    determined = np.where(terms.group == REGISTRATION, std < 0.5 * scale, std < 0.8 * found.prior_std)
     return [
         {
             "name": terms.names[k],
             "group": GROUPS[terms.group[k]],
-            "estimate": float(estimate[k] * scale[k] + mean[k]),
-            "std": float(std[k] * scale[k]),
+            "estimate": float(found.mean[k]),
+            "std": float(std[k]),
             "unit": terms.units[k],
             "told": bool(determined[k]),
+            "prior_std": float(found.prior_std[k]),
+            "off": float((found.mean[k] - found.prior_mean[k]) / found.prior_std[k]),
         }
-        for k in range(len(estimate))
+        for k in range(len(std))
     ]
+
+
+def estimates(
+    form: Form, terms: Terms, hyper: Hyperparameters, fleet: Fleet | None, inflation: float = 1.0
+) -> ParameterEstimates:
+    """Return the drift coefficients in their units, with the covariance of all of them, and with their priors."""
+    estimate, covariance = form.drift_estimate()
+    scale = terms.prior_std
+    prior = terms.centre + (0.0 if fleet is None else fleet.coefficients(terms))
+    return ParameterEstimates(
+        names=tuple(terms.names),
+        kinds=terms.kinds,
+        units=tuple(terms.units),
+        mean=estimate * scale + prior,
+        covariance=covariance * scale[:, None] * scale,
+        prior_mean=prior,
+        prior_std=scale * tolerances(terms, hyper),
+        inflation=inflation,
+        rise=terms.rise(form.design),
+    )

@@ -99,6 +99,8 @@ class Terms:
         The share of the noise that rows of one visit have in common, see `truepose.predictors.kinematic.visits`.
     shift : (p,) array [mm, rad], optional
         The change of registration and geometry at which the columns are computed; default: none.
+    centre : (c,) array [mm, rad], optional
+        The change of base and tool about which their prior is; default: none. Coefficients are relative to it.
 
     Attributes
     ----------
@@ -129,6 +131,7 @@ class Terms:
         reflectors: Reflectors | None = None,
         share: float = 1.0,
         shift: FloatArray | None = None,
+        centre: FloatArray | None = None,
     ) -> None:
         self.robot = robot
         self.tf_flange_tool = np.asarray(tf_flange_tool, float)
@@ -160,7 +163,10 @@ class Terms:
         self.names, self.units = [column.name for column in every], [column.unit for column in every]
         self.group = np.array([column.group for column in every])
         self.prior_std = np.array([column.prior_std for column in every])
-        self.shift = np.zeros(len(self.names)) if shift is None else shift
+        self.centre = np.zeros(len(self.names))
+        if centre is not None:
+            self.centre[self.placed] = centre
+        self.shift = self.centre if shift is None else shift
         self._values = self._model.nominal.copy()
         self._values[self._chosen] += self.shift[: len(self._chosen)]
         self._nominal_links = robot.links(self.tf_flange_tool)
@@ -187,6 +193,30 @@ class Terms:
             return _REGISTRATION
         turn = _TURN_STD[int(self.reflectors.on_a_line)]
         return {**_REGISTRATION, "tool": {**_REGISTRATION["tool"], "rad": turn}}
+
+    @property
+    def placed(self) -> IntArray:
+        """The drift columns of base and tool, (c,)."""
+        return np.flatnonzero(self.group[: self._counts[0]] == REGISTRATION)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kind of each drift column: that of the parameter of the arm (``theta``, ``base`` …), or its group."""
+        arm = [self._model.parameters[i].group for i in self._chosen]
+        return (*arm, *(GROUPS[group] for group in self.group[len(arm) :]))
+
+    def rise(self, design: Design) -> FloatArray:
+        """Return the mean rise of the point at configurations by each joint under the largest payload, (dof, p) [mm].
+
+        Per unit of each drift coefficient; 0 for columns other than those of a payload.
+        """
+        own = slice(self._counts[0], self._counts[0] + self._counts[1])
+        joint, loaded = self._load.of_payload
+        out = np.zeros((self.robot.dof, len(self.names)))
+        here = design.turn == 0.0
+        out[joint, np.arange(own.start, own.stop)] = design.drift[here, 2, own].mean(axis=0) / self.prior_std[own]
+        out[:, own] *= loaded / max(self.usual.payload / self.usual.largest_payload, _UNSEEN)
+        return out
 
     def _places(self) -> list[_Column]:
         """Return the columns of what each reflector is away from its stated place, and of a target's mounting."""
@@ -359,6 +389,13 @@ class Terms:
 
     def shifted(self, shift: FloatArray) -> Terms:
         """Return the same terms with registration and geometry changed by `shift` (p,)."""
+        return self._moved(np.where(np.arange(len(shift)) < self._counts[0], shift, 0.0), self.centre[self.placed])
+
+    def centred(self, centre: FloatArray) -> Terms:
+        """Return the same terms with the prior of base and tool about `centre` (c,), their columns computed there."""
+        return self._moved(None, centre)
+
+    def _moved(self, shift: FloatArray | None, centre: FloatArray) -> Terms:
         return Terms(
             self.robot,
             self.tf_flange_tool,
@@ -373,7 +410,8 @@ class Terms:
             work=self.work,
             reflectors=self.reflectors,
             share=self.share,
-            shift=np.where(np.arange(len(shift)) < self._counts[0], shift, 0.0),
+            shift=shift,
+            centre=centre,
         )
 
     def at_work(self, work: Mapping[str, float]) -> Terms:
@@ -383,7 +421,10 @@ class Terms:
         return other
 
     def curvature(self, design: Design) -> FloatArray:
-        """Return F(ψ + shift) − F(ψ) − J shift, the nonlinear part of the shift's effect, (n, r) [mm, rad]."""
+        """Return F(ψ + shift) − F(ψ) − J (shift − centre), the part of the shift's effect that no coefficient has.
+
+        Of shape (n, r) [mm, rad]; without a centre, it is the nonlinear part.
+        """
         if not self.shift.any():
             return np.zeros((len(design.q), design.rows))
         nominal = end_poses(self.robot.sign * design.q, self._nominal_links)
@@ -397,7 +438,7 @@ class Terms:
                 moved = np.concatenate([moved, vectors], axis=1)
             else:
                 moved = np.where(design.turn[:, None] > 0.0, design.turn[:, None] * vectors, moved)
-        return np.asarray(moved - np.einsum("nap,p->na", design.drift, self.shift / self.prior_std))
+        return np.asarray(moved - np.einsum("nap,p->na", design.drift, (self.shift - self.centre) / self.prior_std))
 
     @property
     def scaled_groups(self) -> list[int]:

@@ -131,8 +131,14 @@ def _long(error_map: ErrorMap) -> dict[str, Any]:
         "registered_rms_mm": summary(error_map.e)["rms_mm"],
         "figures": fit_figures(error_map),
         "worth_words": error_map.worth.words,
-        "arm_words": error_map.arm_check.words,
+        "arm_words": _arm_words(error_map),
     }
+
+
+def _arm_words(error_map: ErrorMap) -> str:
+    """Return what the controller's positions say of arm and tool, and the readings of the reflector."""
+    reflector = [fact.words for fact in error_map.facts if fact.code.startswith("reflector-")]
+    return " ".join([error_map.arm_check.words, *(f"{words[0].upper()}{words[1:]}." for words in reflector)])
 
 
 def _foreign(cell: CellFolder, error_map: ErrorMap) -> str | None:
