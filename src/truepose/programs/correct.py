@@ -57,6 +57,7 @@ from truepose.programs.payloads import loads_of, tools_without_payload
 from truepose.programs.proof import proven_hashes
 from truepose.programs.reading import read_program
 from truepose.programs.record import check_not_corrected
+from truepose.programs.unnamed_tools import unnamed_words, with_measured_tool
 
 Progress = Callable[[int, int], Any]
 _SHOWN: Final = 3  # reasons that a message names
@@ -193,6 +194,7 @@ def correct_program(
     if cell and asked_map is not error_map:
         warnings.append(f"corrected for the conditions at work that the cell states: {cell.conditions.words}")
     warnings += tools_without_payload(program, asked_map)
+    warnings += unnamed_words(with_measured_tool(program), known.tf_flange_tool)
     done = 0
     for rows, columns in program.correctable_columns():
         if near is not None:
