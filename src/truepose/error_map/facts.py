@@ -57,6 +57,13 @@ CODES: Final = {
     "left-out": Kind("told", "readings that contradict the others, or were masked, took no part in the fit"),
 }
 """The kinds of facts by code; docs/facts.md shows this table."""
+EFFECTS: Final[dict[Effect, str]] = {
+    "refuses": "corrections are refused until it is accepted with {how}",
+    "transforms": "corrections follow it",
+    "widens": "the standard deviation allows for it",
+    "told": "",
+}
+"""What facts of each effect do, in words."""
 _ACCEPTED_BY: Final = dict.fromkeys(("weak", "constant-std"), "--accept-weak-map (Python: accept_weak_map=True)")
 
 
@@ -99,6 +106,12 @@ class Fact:
         """What the fact does to corrections: refuses them, transforms targets, widens the std, or is told only."""
         return CODES[self.code].effect
 
+    @property
+    def sentence(self) -> str:
+        """What was found, and what it does to corrections; without a full stop."""
+        does = EFFECTS[self.effect].format(how=how_to_accept(self.code))
+        return f"{self.words} ({does})" if does else self.words
+
     def to_dict(self) -> dict[str, Any]:
         """Return the fact as plain values, its effect included."""
         return {**asdict(self), "effect": self.effect}
@@ -113,6 +126,16 @@ class Fact:
             If a value is missing or of a wrong kind.
         """
         return cls(**{name: value for name, value in found.items() if name != "effect"})
+
+
+def how_to_accept(code: str) -> str:
+    """Return the option, and the argument in Python, that accepts a fact that refuses."""
+    return _ACCEPTED_BY.get(code, f"--accept {code} (Python: accept={{{code!r}}})")
+
+
+def in_force(facts: Iterable[Fact]) -> list[Fact]:
+    """Return the facts that do something to corrections, in their order."""
+    return [fact for fact in facts if fact.effect != "told"]
 
 
 def refuse(facts: Iterable[Fact], accept: Collection[str]) -> list[str]:
@@ -138,7 +161,6 @@ def refuse(facts: Iterable[Fact], accept: Collection[str]) -> list[str]:
     found = [fact for fact in facts if fact.effect == "refuses"]
     if stopping := [fact for fact in found if fact.code not in accept]:
         first = stopping[0].code
-        how = _ACCEPTED_BY.get(first, f"--accept {first} (Python: accept={{{first!r}}})")
         words = "; ".join(fact.words for fact in stopping)
-        raise RefusedError(f"{words}; {CODES[first].remedy}, or accept it with {how}")
+        raise RefusedError(f"{words}; {CODES[first].remedy}, or accept it with {how_to_accept(first)}")
     return [f"accepted: {fact.words}" for fact in found]

@@ -169,7 +169,7 @@ def correct_program(
     on_guard = limits.on_guard
     known = CorrectionContext.of(error_map)
     program = _read(path, cell or known.cell, frames, options, orientation)
-    warnings = _check_robot(error_map, program, cell, other_maker, other_robot, accept)
+    warnings = _check_robot(error_map, program, cell, other_maker, other_robot)
     if proven:
         check_not_corrected(program, known.path)
     resolution = max(resolution, program.finest)
@@ -258,6 +258,7 @@ def correct_program(
         tuple(warnings),
         known.path,
         refused_files,
+        facts=tuple(error_map.facts) if isinstance(error_map, KnowsFacts) else (),
     )
 
 
@@ -285,7 +286,6 @@ def _check_robot(
     cell: Cell | None,
     other_maker: bool,
     other_robot: str,
-    accept: Collection[str],
 ) -> list[str]:
     """Refuse a program or a cell of another robot than the map's; return the warnings."""
     known = CorrectionContext.of(error_map)
@@ -293,8 +293,9 @@ def _check_robot(
         return []
     facts = error_map.facts if isinstance(error_map, KnowsFacts) else []
     placed = any(fact.effect == "transforms" for fact in facts)
-    warnings = [fact.words for fact in facts if fact.effect == "transforms"]
-    warnings += [f"accepted: {fact.words}" for fact in facts if fact.code in accept]
+    warnings = [fact.sentence for fact in facts if fact.effect in ("transforms", "widens")]
+    names = {"weak": "a weak map was accepted"}
+    warnings += [f"{names.get(fact.code, 'accepted')}: {fact.words}" for fact in facts if fact.effect == "refuses"]
     if known.cell is not None:
         warnings += check_library(known.cell, known.robot, placed=placed)
         if cell is not None:
@@ -330,7 +331,7 @@ _Asked = tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], dict[int, s
 
 def _weakness(error_map: Corrector) -> list[str]:
     """Return the warning of a weak map that is used."""
-    if isinstance(error_map, KnowsWorth) and error_map.worth.weak:
+    if isinstance(error_map, KnowsWorth) and not isinstance(error_map, KnowsFacts) and error_map.worth.weak:
         return [f"a weak map was accepted: {error_map.worth.words}"]
     return []
 

@@ -17,6 +17,7 @@ from truepose._io.workbook import to_workbook
 from truepose._io.zips import is_zip, on_disk
 from truepose._version import version
 from truepose.compensation import LimitsInForce, Policy
+from truepose.error_map.facts import Fact
 from truepose.errors import FileError
 from truepose.programs import history
 from truepose.programs.core.outcomes import CorrectedShare, Outcomes
@@ -80,6 +81,8 @@ class CorrectedProgram:
         without a store.
     rendered : RenderedParts, optional
         The corrected files and the rows of the records, if a worker has written them already.
+    facts : tuple of Fact
+        The facts of the map; those that refuse corrections were accepted.
     """
 
     program: Program
@@ -95,6 +98,7 @@ class CorrectedProgram:
     refused: Mapping[Path, str] = field(default_factory=dict)
     map_state: str | None = None
     rendered: RenderedParts | None = None
+    facts: tuple[Fact, ...] = ()
 
     def __repr__(self) -> str:
         return f"<CorrectedProgram {self.program.path}: {self.coverage}>"
@@ -156,6 +160,8 @@ class CorrectedProgram:
             "continuity": self.continuity.summary(),
             "blended": self.program.blended,
             "warnings": list(self.warnings),
+            "facts": [fact.to_dict() for fact in self.facts],
+            "accepted": [fact.code for fact in self.facts if fact.effect == "refuses"],
             "refused": {str(path): reason for path, reason in self.refused.items()},
         }
 

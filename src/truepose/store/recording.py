@@ -18,6 +18,7 @@ import sqlalchemy as sa
 
 from truepose.cell import Cell
 from truepose.error_map import ErrorMap
+from truepose.error_map.figures import facts_data
 from truepose.errors import DataError
 from truepose.programs import ProgramVerification
 from truepose.programs.record import TARGETS
@@ -108,7 +109,8 @@ def add_map(
     parent_id: int | None = None,
 ) -> int:
     """Add a map as a draft."""
-    figures = {"n": len(error_map.samples), "expected": error_map.expected, "worth": error_map.worth.to_dict()}
+    worth, facts = error_map.worth.to_dict(), facts_data(error_map)
+    figures = {"n": len(error_map.samples), "expected": error_map.expected, "worth": worth, "facts": facts}
     name = path.name.removesuffix(".truepose")
     data, predictor = path.read_bytes(), error_map.predictor_name
     return records.put_map(change, records.NewMap(cell_id, name, data, predictor, figures, reading_sets, parent_id))
