@@ -30,7 +30,9 @@ def show_facts(facts: Iterable[Fact], *, told: bool = False) -> None:
     for fact in facts if told else in_force(facts):
         head, text = f"Fact {fact.code}", f"{fact.sentence}."
         if told:
-            text = textwrap.fill(text, _WIDTH, initial_indent=" " * len(head) + "  ", subsequent_indent="  ").lstrip()
+            first = " " * len(f"{head}: ")
+            lines = textwrap.wrap(text, _WIDTH, initial_indent=first, subsequent_indent="  ", break_on_hyphens=False)
+            text = "\n".join(lines).lstrip()
         say(f"[{'bold' if fact.effect == 'told' else 'yellow'}]{head}[/]: {escape(text)}")
 
 
