@@ -62,7 +62,11 @@ def update(
             raise RefusedError(f"{map_path}: {' '.join(before.words)} Nothing was written; {remedy}")
         only_tested = out is None and refit is None
         with working("Fitting the map again", quiet=as_json):
-            new = error_map if only_tested else update_map(error_map, samples, None if refit is None else refit.value)
+            new = (
+                error_map
+                if only_tested
+                else update_map(error_map, samples, None if refit is None else refit.value, checked=before)
+            )
             after = before if before is not None else recheck(new, samples)
         far = [samples.identify(i) for i in after.holding.far]
         if out is not None:

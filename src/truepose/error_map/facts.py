@@ -41,6 +41,11 @@ CODES: Final = {
         "the predictor has one standard deviation for all poses, so that no guard can act",
         "fit a Kriging or kinematic predictor",
     ),
+    "tool-suspect": Kind(
+        "refuses",
+        "the readings imply another tool than the stated one",
+        "correct [tool] of the cell file and fit again",
+    ),
     "base-turned": Kind("transforms", "the model's base is turned by quarter turns against the controller's base"),
     "moved": Kind("widens", "the tracker, the robot base or the tool moved during the campaign, which was accepted"),
     "drift": Kind("widens", "the readings drift during the campaign, which was accepted or is small"),
@@ -55,6 +60,26 @@ CODES: Final = {
     "arm-not-checked": Kind("told", "no positions of the controller were at hand to check the arm's model"),
     "registration": Kind("told", "what the registration found beside station and tool"),
     "left-out": Kind("told", "readings that contradict the others, or were masked, took no part in the fit"),
+    "not-holding": Kind("told", "new samples contradicted the map when they were added, which was accepted"),
+    "new-conditions": Kind(
+        "told",
+        "new samples have a temperature, time or payload that no sample of the map had and the map does not know",
+    ),
+    "campaign-not-tested": Kind(
+        "told", "there were too few samples to test for a moved tracker, a scale error or a drift"
+    ),
+    "identification": Kind("told", "what the identification of the arm found beside its parameters"),
+    "approximated": Kind(
+        "told", "there were too many samples for the predictor that was asked for, which is approximated"
+    ),
+    "load-centre": Kind("told", "the samples state payloads without their centre of mass, which is assumed"),
+    "suspect-readings": Kind("told", "readings lay far from the expected positions when they were imported"),
+    "missing": Kind("told", "points of the plan had no reading and were left out when the readings were imported"),
+    "reordered": Kind(
+        "told", "readings in another order than the plan were assigned by their positions when they were imported"
+    ),
+    "averaged": Kind("told", "repeated readings were averaged when they were imported"),
+    "import-note": Kind("told", "what the import found about the file of readings"),
 }
 """The kinds of facts by code; docs/facts.md shows this table."""
 EFFECTS: Final[dict[Effect, str]] = {
@@ -126,6 +151,11 @@ class Fact:
             If a value is missing or of a wrong kind.
         """
         return cls(**{name: value for name, value in found.items() if name != "effect"})
+
+
+def of_import(found: Iterable[tuple[str, str]]) -> list[Fact]:
+    """Return the facts that a table of samples states; those of a later version, whose code is not known, as notes."""
+    return [Fact(code if code in CODES else "import-note", words, "import") for code, words in found]
 
 
 def how_to_accept(code: str) -> str:

@@ -8,8 +8,9 @@ from operator import itemgetter
 
 import numpy as np
 
+from truepose.error_map.conditions import models
 from truepose.error_map.data import MapData
-from truepose.error_map.facts import Fact
+from truepose.error_map.facts import CODES, Fact
 from truepose.error_map.repeatability import Repeatability
 from truepose.samples import name_points
 
@@ -23,6 +24,7 @@ def facts_of(error_map: MapData) -> list[Fact]:
         *error_map.stated,
         *_of_campaign(error_map),
         *_of_arm(error_map),
+        *_of_identification(error_map),
         *_of_samples(error_map),
         *_of_value(error_map),
     ]
@@ -34,6 +36,8 @@ def _of_campaign(error_map: MapData) -> Iterator[Fact]:
     campaign = error_map.campaign
     for fault in campaign.get("faults", []):
         yield Fact(fault["kind"], fault["words"], "fit", fault["size"], fault.get("size_std"), "mm")
+    if campaign and not campaign.get("tested", True):
+        yield Fact("campaign-not-tested", CODES["campaign-not-tested"].meaning, "fit")
     if suspected := campaign.get("suspected_drift_mm", 0.0):
         words = f"a drift of the readings of {suspected:.3f} mm (RMS) is suspected, and too uncertain to be named"
         yield Fact("suspected-drift", words, "fit", suspected, None, "mm")
@@ -50,6 +54,12 @@ def _of_arm(error_map: MapData) -> Iterator[Fact]:
         yield Fact("registration", error_map.registration.hint, "fit")
 
 
+def _of_identification(error_map: MapData) -> Iterator[Fact]:
+    model = error_map.predictor
+    if hint := getattr(getattr(model, "calibration_", model), "hint_", ""):
+        yield Fact("identification", hint, "fit")
+
+
 def _of_samples(error_map: MapData) -> Iterator[Fact]:
     for reason, rows in groupby(error_map.excluded, key=itemgetter("reason")):
         yield Fact("left-out", f"{name_points(list(rows))} left out of the fit: {reason}", "fit")
@@ -57,6 +67,11 @@ def _of_samples(error_map: MapData) -> Iterator[Fact]:
     if approach is not None and approach.any() and (approach == approach[0]).all():
         words = "every joint came from one side at all samples, so its lost motion is not known"
         yield Fact("one-sided", words, "fit")
+    if models(error_map.predictor, "payload") and error_map.samples.p_load is None:
+        words = (
+            "the samples state payloads without their centre of mass (x_load_mm …); it is taken to lie between wrist"
+        )
+        yield Fact("load-centre", f"{words} and tool point", "fit")
 
 
 def _of_value(error_map: MapData) -> Iterator[Fact]:

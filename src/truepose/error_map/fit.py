@@ -15,9 +15,10 @@ from truepose.error_map.campaign import CampaignCheck, check_campaign
 from truepose.error_map.conditions import modelled_conditions
 from truepose.error_map.distances import check_distance_rows, distance_rows, unused_distances, with_origins
 from truepose.error_map.exclusions import contradicted, gross_readings, without_gross
+from truepose.error_map.facts import Fact, of_import
 from truepose.error_map.fleet import fleet_of
 from truepose.error_map.map import ErrorMap
-from truepose.error_map.registration import with_tool_hint, wrong_tool_named
+from truepose.error_map.registration import tool_estimate, with_tool_hint, wrong_tool_named
 from truepose.error_map.selection import CellSamples, points_named
 from truepose.errors import DataError
 from truepose.geometry import Registration
@@ -138,7 +139,10 @@ def fit_cell(
                 progress=progress,
             )
         else:
-            predictor = _for_many(predictor, len(samples))
+            asked, predictor = predictor, _for_many(predictor, len(samples))
+            if predictor != asked:
+                words = f"{len(samples)} samples are too many for {asked}; {predictor} was fitted"
+                facts = [*facts, Fact("approximated", words)]
             progress(f"Fitting {predictor}")
             errors = measured.errors(registration, tf_flange_tool)
             choice = Choice([], {}, predictor, *errors.fit(predictor), errors)
@@ -167,7 +171,7 @@ def fit_cell(
         ],
         campaign=campaign.to_dict(),
         arm_check=check_arm(measured.robot, samples, tf_flange_tool, fit=cell.tool.fit),
-        stated=tuple(facts),
+        stated=(*of_import(samples.facts), *facts, *_of_tool(cell, measured.robot, samples)),
     )
     progress("Comparing the map with registration alone")
     return error_map.changed(known_worth=error_map.worth)
@@ -198,6 +202,14 @@ def _for_many(predictor: str, n: int) -> str:
         told = f"{n} samples are too many for {predictor}; {fitted} is fitted, which approximates it in linear time"
         warnings.warn(told, stacklevel=3)
     return fitted
+
+
+def _of_tool(cell: Cell, robot: Robot, samples: Samples) -> list[Fact]:
+    """Return what the readings say against the stated tool."""
+    found = tool_estimate(cell, robot, samples)
+    if found is None or not found.suspect:
+        return []
+    return [Fact("tool-suspect", found.suspicion, "fit", found.distance_mm, max(found.std_mm), "mm")]
 
 
 def _excluded(samples: Samples, registration: Registration, choice: Choice) -> list[dict[str, Any]]:
