@@ -16,7 +16,7 @@ def program(tmp_path):
 def test_check_lists_every_target(run, program):
     done = run("check", program, "--json")
     assert done.code == 0
-    counts = {"correct": 1, "skip": 1, "refuse": 1, "following": 0}
+    counts = {"correct": 1, "skip": 1, "refuse": 1, "following": 0, "without_tool": 0}
     assert done.json["programs"] == [{"file": str(program), **counts}]
     assert [(t["line"], t["name"], t["verdict"], t["motion"]) for t in done.json["targets"]] == [
         (4, "LIN:4", "correct", "LIN"),
@@ -140,7 +140,7 @@ def test_check_counts_what_follows_a_corrected_point_apart(run, approach):
 def test_check_tells_programs_how_many_targets_follow(run, approach):
     done = run("check", approach, "--derived", "--json").json
     (project,) = done["programs"]
-    assert project == {"file": str(approach), "correct": 2, "skip": 3, "refuse": 1, "following": 1}
+    assert project == {"file": str(approach), "correct": 2, "skip": 3, "refuse": 1, "following": 1, "without_tool": 0}
     assert len([one for one in done["targets"] if one["verdict"] == "skip"]) == 3
     assert done["coverage"]["correctable"] == 3
 
@@ -231,7 +231,7 @@ def test_check_takes_a_folder(run, tmp_path):
     (folder / "$config.dat").write_text("TOOL_DATA[9]={X 1,Y 2,Z 3,A 0,B 0,C 0}\n")
     (folder / "a.src").write_text(SRC)
     assert run("check", folder, "--json").json["programs"] == [
-        {"file": str(folder), "correct": 2, "skip": 1, "refuse": 0, "following": 0}
+        {"file": str(folder), "correct": 2, "skip": 1, "refuse": 0, "following": 0, "without_tool": 0}
     ]
     (tmp_path / "empty").mkdir()
     assert "holds no robot program" in run("check", tmp_path / "empty").failed()

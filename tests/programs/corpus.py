@@ -13,7 +13,7 @@ from tests.programs.corpus_krl import KRL
 from tests.programs.corpus_other import OTHER
 from tests.programs.corpus_rapid import RAPID
 from tests.programs.corpus_urscript import UR
-from tests.programs.example import FRAMES, Example
+from tests.programs.example import FRAMES, MEASURED, Example
 
 from truepose.programs import ReadOptions
 
@@ -40,9 +40,9 @@ MANY = {
     "f2": Example(sample("f2.ls"), 6, 0, 4, options=LENIENT),
     "u1": Example(sample("u1.script"), 2, 2, 1, options=LENIENT),
     "u2": Example(sample("u2.script"), 4, 4, 2, options=LENIENT),
-    "u3": Example(sample("u3.script"), 2, options=LENIENT),
+    "u3": Example(sample("u3.script"), 2, options=LENIENT, frames=MEASURED),
     "j1": Example(sample("j1.jbi"), 1, 3, 2, options=LENIENT),
-    "v1": Example(sample("v1.dtx"), 1, 3, 1, options=LENIENT),
+    "v1": Example(sample("v1.dtx"), 1, 3, 1, options=LENIENT, frames=MEASURED),
     "n1": Example(sample("n1.nc"), 3, 2, options=LENIENT),
     "g2": Example(sample("g2.nc"), 1, 0, 10, options=LENIENT),
     "a1": Example(sample("a1.apt"), 0, 1, 5, options=LENIENT),

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from tests.programs.example import Example, crlf
+from tests.programs.example import MEASURED, Example, crlf
 
 from truepose.programs import FrameTable, ReadOptions
 
@@ -105,6 +105,7 @@ END
         },
         2,
         1,
+        frames=MEASURED,
     ),
     "val3-public": Example(
         {
@@ -124,6 +125,7 @@ END
         1,
         0,
         1,
+        frames=MEASURED,
     ),
     "csv-semicolon": Example(
         {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.programs.example import FRAMES, Example
+from tests.programs.example import FRAMES, MEASURED, Example
 
 from truepose.programs import ReadOptions
 
@@ -181,6 +181,7 @@ end
         },
         3,
         1,
+        frames=MEASURED,
     ),
     "shifts": Example(
         {
@@ -199,5 +200,6 @@ end
         2,
         0,
         2,
+        frames=MEASURED,
     ),
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,6 +25,8 @@ FRAMES = FrameTable(
     tools={**{n: np.eye(4) for n in range(17)}, **dict.fromkeys(NAMES, np.eye(4))},
     bases={**{n: np.eye(4) for n in range(33)}, **dict.fromkeys(NAMES, np.eye(4)), "G54": np.eye(4)},
 )
+MEASURED = replace(FRAMES, tool="map")
+"""The same, where the tool in force is the one that the map was measured with."""
 
 
 @dataclass(frozen=True)

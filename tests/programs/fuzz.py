@@ -94,7 +94,7 @@ def programs() -> Iterator[tuple[str, Files, FrameTable, ReadOptions]]:
     for name, example in CORPUS.items():
         yield f"corpus {name}", example.data(), example.frames, example.options
     for name, dialect in DIALECTS.items():
-        frames = FrameTable(FRAMES.tools, FRAMES.bases, base=0)
+        frames = FrameTable(FRAMES.tools, FRAMES.bases, tool="map", base=0)
         yield f"grammar {name}", {f"a{dialect.ending}": whole(dialect)}, frames, dialect.options
     yield "realistic", {"a.src": REALISTIC_SRC, "a.dat": REALISTIC_DAT}, FRAMES, ReadOptions()
     project = Example(PROJECT, 0)

@@ -22,7 +22,9 @@ from tests.tiers import examples
 from truepose.errors import TrueposeError
 from truepose.programs import CorrectedProgram, FrameTable, ReadOptions, correct_program
 
-FRAMES = FrameTable(tools={1: np.eye(4), "tGrip": np.eye(4)}, bases={2: np.eye(4), "wFix": np.eye(4)}, base=0)
+FRAMES = FrameTable(
+    tools={1: np.eye(4), "tGrip": np.eye(4)}, bases={2: np.eye(4), "wFix": np.eye(4)}, tool="map", base=0
+)
 
 
 @dataclass(frozen=True)

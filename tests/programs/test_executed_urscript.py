@@ -30,7 +30,7 @@ def millimetres(tf: np.ndarray) -> np.ndarray:
     return np.block([[tf[:3, :3], 1000.0 * tf[:3, 3:]], [tf[3:]]])
 
 
-FRAMES = FrameTable(bases={name: millimetres(transform(pose)) for name, pose in STORED.items()})
+FRAMES = FrameTable(bases={name: millimetres(transform(pose)) for name, pose in STORED.items()}, tool="map")
 
 
 def corrected(text: str, targets: list[Target], random: Random) -> tuple[str, list[np.ndarray]]:

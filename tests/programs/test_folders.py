@@ -160,7 +160,7 @@ def test_links_are_not_followed(tmp_path: Path) -> None:
 def test_every_program_of_another_language_is_read_and_bad_ones_are_told(tmp_path: Path, make_map: Any) -> None:
     good = "def a():\n  movel(p[0.1,0.2,0.3,0,0,0])\nend\n"
     files = {"a.script": good, "line/b.script": good, "line/c.script": 'movel(p[0.1"', "d.ls": "\x00", "e.csv": "a,b\n"}
-    found = read_programs([lay(tmp_path / "cell", files)])
+    found = read_programs([lay(tmp_path / "cell", files)], FrameTable(tool="map"))
     assert [p.path.name for p in found.programs] == ["a.script", "b.script"]
     assert sorted(error.path.name for error in found.unreadable) == ["c.script", "d.ls"]
     corrected = correct_program(found.programs[1], make_map([0, 0, 1]))

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from truepose.programs import FrameTable, Program, ReadOptions, correct_program,
 
 XYZ = "600.000,-0.500,800.000,180.0000,0.0000,-90.0000"
 FRAMES = FrameTable(tools={1: np.eye(4), 2: np.eye(4)}, bases={3: np.eye(4)})
+MEASURED = replace(FRAMES, tool="map")
 Read = Callable[..., Program]
 
 
@@ -117,7 +119,7 @@ POSE = 'x="600" y="-.5" z="800.000" rx="0" ry="180" rz="0"'
 
 @pytest.fixture
 def dtx(tmp_path: Path) -> Read:
-    def reading(data: str, program: str | None = None, frames: FrameTable = FRAMES) -> Program:
+    def reading(data: str, program: str | None = None, frames: FrameTable = MEASURED) -> Program:
         path = tmp_path / "a.dtx"
         path.write_text(f'<?xml version="1.0" encoding="utf-8"?>\n<Database><Datas>\n{data}\n</Datas></Database>\n')
         (tmp_path / "start.pgx").unlink(missing_ok=True)
@@ -155,7 +157,7 @@ def test_numbers_that_are_not_written_are_zero_and_stay_unwritten(dtx: Read) -> 
     assert program.targets[1].reason == "y, z not written, so 0: nothing is added to a file"
     np.testing.assert_allclose(program.positions_base(), [[1, 102, 3]])
     (path,) = {source.path for source in program.sources}
-    turning = read_program(path, FRAMES, ReadOptions(orientation=True))
+    turning = read_program(path, MEASURED, ReadOptions(orientation=True))
     assert turning.targets[0].reason == "rx, ry not written, so 0: nothing is added to a file"
 
 
@@ -190,7 +192,7 @@ def test_attributes_are_patched_in_place(tmp_path: Path, make_map: Any) -> None:
     )
     path = tmp_path / "a.dtx"
     path.write_bytes(text)
-    corrected = correct_program(path, make_map([0.5, 0.25, -0.125]))
+    corrected = correct_program(path, make_map([0.5, 0.25, -0.125]), frames=MEASURED)
     assert corrected.files[path] == text.replace(b"800.000", b"799.875").replace(b'"600"', b'"600.5"').replace(
         b"-.5", b"-.25"
     )

@@ -126,7 +126,7 @@ def test_orientation_digits_change_only_when_asked(name: str, tmp_path: Path, ma
     path = tmp_path / f"a{language.ending}"
     path.write_text(text)
     bases = {key: FRAMES[n] for n in (1, 2) for key in (n, f"w{n}", f"G{53 + n}")}
-    table = FrameTable({1: np.eye(4), "tA": np.eye(4)}, bases)
+    table = FrameTable({1: np.eye(4), "tA": np.eye(4)}, bases, tool="map")
     turn = np.array([1e-3, -2e-3, 0.5e-3])
     pattern = re.compile(ANGLE_PATTERNS[name].replace("NUM", r"\s*(-?[\d.]+)"))
     before = [[float(v) for v in row] for row in pattern.findall(text)]

@@ -18,6 +18,7 @@ N = 6
 FRAMES = FrameTable(
     tools={**{n: np.eye(4) for n in range(3)}, "tGrip": np.eye(4)},
     bases={**{n: np.eye(4) for n in range(3)}},
+    tool="map",
     base=0,
 )
 RT = "[[{x},0,500],[0,0,-1,0],[0,-1,0,1],[9E9,9E9,9E9,9E9,9E9,9E9]]"

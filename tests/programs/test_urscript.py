@@ -22,7 +22,7 @@ def read(tmp_path: Path) -> Read:
     def reading(code: str, frames: FrameTable | None = None, **options: Any) -> Program:
         path = tmp_path / "a.script"
         path.write_text(code if "def " in code else f"def prog():\n{code}\nend\n")
-        return read_program(path, frames, ReadOptions(**options))
+        return read_program(path, frames or FrameTable(tool="map"), ReadOptions(**options))
 
     return reading
 
@@ -112,7 +112,7 @@ def test_rotation_vector_keeps_its_branch_and_metres_their_digits(tmp_path: Path
     text = b"def a():\n  movel(p[0.3, -.1000, 1e-1, 2.2214, -2.2214, 0.0])\nend"
     path = tmp_path / "a.script"
     path.write_bytes(text)
-    corrected = correct_program(path, make_map([0.5, 0.25, -0.125]))
+    corrected = correct_program(path, make_map([0.5, 0.25, -0.125]), frames=FrameTable(tool="map"))
     assert corrected.files[path] == text.replace(b"0.3, -.1000, 1e-1", b"0.3005, -.09975, 0.099875")
 
 

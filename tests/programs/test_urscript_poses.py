@@ -16,12 +16,14 @@ from truepose.programs import FrameTable, Program, ReadOptions, correct_program,
 P = "p[0.3,-0.1,.25,0,3.14159,0]"
 Q = "p[0.4,-0.1,.25,0,3.14159,0]"
 F = "p[0.5,0.1,0.02,0.1,-0.2,1.1]"
+MEASURED = FrameTable(tool="map")
+"""The tool in force is the one that the map was measured with."""
 
 
 def reading(folder: Path, code: str, frames: FrameTable | None = None, ending: str = ".script") -> Program:
     path = folder / f"a{ending}"
     path.write_text(f"def prog():\n{code}\nend\n")
-    return read_program(path, frames)
+    return read_program(path, frames or MEASURED)
 
 
 def verdicts(program: Program) -> dict[str, str]:
@@ -106,10 +108,10 @@ def test_a_feature_of_the_controller_is_found_by_its_name(tmp_path: Path) -> Non
     code = f"movel(pose_trans(Plane_1,{P}))"
     unknown = reading(tmp_path, code).targets[0]
     assert (unknown.verdict, "[frames.bases.Plane_1]" in unknown.reason) == ("skip", True)
-    known = reading(tmp_path, code, FrameTable(bases={"Plane_1": pose(F)}))
+    known = reading(tmp_path, code, FrameTable(bases={"Plane_1": pose(F)}, tool="map"))
     assert (known.targets[0].frame, known.targets[0].verdict) == ("Plane_1", "correct")
     np.testing.assert_allclose(known.poses_base()[0], pose(F) @ pose(P), atol=1e-9)
-    own = reading(tmp_path, f"Plane_1={Q}\n{code}", FrameTable(bases={"Plane_1": pose(F)}))
+    own = reading(tmp_path, f"Plane_1={Q}\n{code}", FrameTable(bases={"Plane_1": pose(F)}, tool="map"))
     np.testing.assert_allclose(own.poses_base()[0], pose(Q) @ pose(P), atol=1e-9)
 
 
@@ -121,7 +123,7 @@ def test_joints_are_joint_targets(tmp_path: Path, code: str) -> None:
     )
     for allowed, verdict in ((False, "skip"), (True, "correct")):
         found = [
-            t for t in read_program(path, None, ReadOptions(joint_targets=allowed)).targets if t.joints is not None
+            t for t in read_program(path, MEASURED, ReadOptions(joint_targets=allowed)).targets if t.joints is not None
         ]
         assert [(t.verdict, t.joints) for t in found] == [(verdict, (0.1, -1.5, 1.5, -1.0, -1.5, 0.0))], found
 
@@ -133,7 +135,7 @@ def test_joints_are_joint_targets(tmp_path: Path, code: str) -> None:
 def test_joints_that_the_program_computes_with_stay(tmp_path: Path, code: str) -> None:
     path = tmp_path / "a.script"
     path.write_text(f"def prog():\nw={P}\n{code.format('[0.1,-1.5, 1.5,-1,-1.5,0]')}\nend\n")
-    assert read_program(path, None, ReadOptions(joint_targets=True)).counts()["correct"] == 0
+    assert read_program(path, MEASURED, ReadOptions(joint_targets=True)).counts()["correct"] == 0
 
 
 def test_lists_of_poses(tmp_path: Path) -> None:
@@ -222,10 +224,10 @@ def test_what_is_derived_from_a_point_shares_its_correction(
 ) -> None:
     path = tmp_path / "a.script"
     path.write_text(f"def prog():\nw={P}\nmovel(w)\n{code}\nend\n")
-    left = read_program(path)
+    left = read_program(path, MEASURED)
     assert verdicts(left)["w"] == "refuse"
     assert all("--derived" in target.reason for target in left.targets if target.name == "w")
-    program = read_program(path, None, ReadOptions(derived=True))
+    program = read_program(path, MEASURED, ReadOptions(derived=True))
     point = next(target for target in program.targets if target.name == "w")
     assert (point.verdict, {one.axes for one in point.derived}) == ("correct", {axes}), point
     np.testing.assert_allclose(point.derived[0].shifts, [shift], atol=1e-9)
@@ -257,7 +259,7 @@ def test_what_is_derived_from_a_point_shares_its_correction(
 def test_what_is_no_constant_shift_stays_refused(tmp_path: Path, code: str) -> None:
     path = tmp_path / "a.script"
     path.write_text(f"def prog():\nw={P}\nmovel(w)\n{code}\nend\n")
-    found = {target.name: target for target in read_program(path, None, ReadOptions(derived=True)).targets}
+    found = {target.name: target for target in read_program(path, MEASURED, ReadOptions(derived=True)).targets}
     assert found["w"].verdict == "refuse", list(found.values())
 
 
@@ -284,14 +286,14 @@ def test_the_positions_of_a_function_that_calls_itself_are_not_all_known(tmp_pat
     again = "go(pose_add(t, p[0,0,0.1,0,0,0]), n - 1)"
     path = tmp_path / "a.script"
     path.write_text(f"def go(t, n):\nif n > 0:\n{again}\nend\nmovel(t)\nend\nw={P}\nmovel(w)\ngo(w, {depth})\n")
-    program = read_program(path, None, ReadOptions(derived=True))
+    program = read_program(path, MEASURED, ReadOptions(derived=True))
     assert verdicts(program)["w"] == "refuse", list(program.targets)
 
 
 def test_options_are_kept(tmp_path: Path) -> None:
     path = tmp_path / "a.script"
     path.write_text(f"def a():\nw={P}\nmovel(w)\nx=w[2]\nend\n")
-    assert read_program(path, None, ReadOptions(ambiguous="skip")).targets[0].verdict == "skip"
+    assert read_program(path, MEASURED, ReadOptions(ambiguous="skip")).targets[0].verdict == "skip"
 
 
 @pytest.mark.parametrize(
@@ -300,4 +302,4 @@ def test_options_are_kept(tmp_path: Path) -> None:
 def test_calls_without_arguments_are_known_at_run_time_only(tmp_path: Path, call: str) -> None:
     path = tmp_path / "a.script"
     path.write_text(f"def a():\n  x={call}\n  movel({call})\n  movej(x)\n  movel()\n  movec()\n  set_tcp()\nend\n")
-    assert read_program(path).counts()["correct"] == 0
+    assert read_program(path, MEASURED).counts()["correct"] == 0

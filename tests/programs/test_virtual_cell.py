@@ -178,6 +178,7 @@ def test_what_remains_is_what_the_map_leaves(
     known = FrameTable(
         tools={1: tool, "tA": tool},
         bases={**frames, "w1": frames[1], "w2": frames[2], "G54": frames[1], "G55": frames[2]},
+        tool="map",
         base=1 if name == "apt" else None,
     )
     corrected = correct_program(path, error_map, frames=known, options=language.options, other_maker=True)
@@ -233,7 +234,7 @@ def test_orientations_are_what_the_map_leaves(
     path = tmp_path / f"a{language.ending}"
     path.write_text(language.write(list(np.column_stack([in_frame[:, :3, 3] / language.unit, angles])), [1] * N))
     tool = virtual.tf_flange_tool
-    known = FrameTable(tools={1: tool, "tA": tool}, bases={1: base, "w1": base})
+    known = FrameTable(tools={1: tool, "tA": tool}, bases={1: base, "w1": base}, tool="map")
     corrected = correct_program(path, arm_map, frames=known, on_guard="skip", orientation=True, other_maker=True)
     done = np.array([outcome.verdict == "correct" for outcome in corrected.targets])
     assert done.mean() > 0.8, corrected.targets[0].reason

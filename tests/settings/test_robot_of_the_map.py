@@ -74,7 +74,7 @@ def write(folder: Path, name: str, virtual, samples) -> Path:
 @pytest.fixture
 def frames(virtual) -> FrameTable:
     tool = virtual.tf_flange_tool
-    return FrameTable(tools={1: tool, "tool0": tool}, bases={"wobj0": np.eye(4), "world": np.eye(4)})
+    return FrameTable(tools={1: tool, "tool0": tool}, bases={"wobj0": np.eye(4), "world": np.eye(4)}, tool="map")
 
 
 @pytest.mark.promise("A map corrects no program of another maker unless the user allows it.")
@@ -90,7 +90,7 @@ def test_a_program_of_another_maker_is_refused(name, error_map, frames, virtual,
 @pytest.mark.promise("The command refuses a program of another maker; --other-maker allows it.")
 def test_the_command_asks_for_other_maker(run, map_path, virtual, samples, tmp_path):
     path = write(tmp_path, "a.script", virtual, samples)
-    arguments = ("correct", map_path, path, "--out", tmp_path / "out", "--on-guard", "skip")
+    arguments = ("correct", map_path, path, "--out", tmp_path / "out", "--on-guard", "skip", "--tool", "map")
     assert "a program for Universal Robots, but the map is of kuka-" in run(*arguments).failed()
     done = run(*arguments, "--other-maker")
     assert done.code == 0, done.err
@@ -112,7 +112,8 @@ def test_tables_have_no_maker(error_map, samples, virtual, tmp_path):
     p = virtual.robot.forward(samples.q[:1], tool=virtual.tf_flange_tool)[0, :3, 3]
     path = tmp_path / "a.csv"
     path.write_text("x_mm,y_mm,z_mm,a_deg,b_deg,c_deg\n{:.3f},{:.3f},{:.3f},180,0,180\n".format(*p))
-    assert tp.correct_program(path, error_map, on_guard="skip").warnings == ()
+    warnings = tp.correct_program(path, error_map, on_guard="skip").warnings
+    assert [text.partition(":")[0] for text in warnings] == ["1 target names no tool"]
 
 
 @pytest.mark.promise("A cell file of another robot is refused, and tables of it that have no effect are named.")

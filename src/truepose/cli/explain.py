@@ -9,7 +9,7 @@ import typer
 
 from truepose.cli.options import Force, Json, MapPath
 from truepose.cli.output import emit_json, overwrite, say, table, working
-from truepose.cli.summaries import OFF, show_calibration, show_fleet
+from truepose.cli.summaries import OFF, show_calibration, show_facts, show_fleet
 
 if TYPE_CHECKING:
     from truepose.compensation import Gap
@@ -57,6 +57,7 @@ def explain(
 
 def _show(found: Knowledge) -> None:
     std = found.std_mm
+    show_facts(found.error_map.facts, told=True)
     say(
         f"[bold]{found.error_map.predictor_name}[/] of {len(found.error_map.samples)} samples.",
         f"Standard deviation of a reading: {found.noise_mm:.3f} mm per axis.",

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -28,6 +28,7 @@ from truepose.cli.summaries import (
     show_calibration,
     show_campaign,
     show_choice,
+    show_facts,
     show_fleet,
     show_worth,
 )
@@ -38,13 +39,6 @@ if TYPE_CHECKING:
 
 
 _EXECUTION = Execution()
-_EFFECTS: Final = {
-    "refuses": "'truepose correct' refuses",
-    "transforms": "corrections follow it",
-    "widens": "the standard deviation allows for it",
-}
-_SAID_ELSEWHERE: Final = {"weak", "constant-std", "moved", "drift", "scale", "reference"}
-"""Facts that lines of their own tell: the value of the map, and the faults of the campaign."""
 
 
 @with_groups
@@ -121,11 +115,7 @@ def _show(error_map: ErrorMap, *, parameters: bool) -> None:
     show_tool(error_map.cell, registration, tool_estimate(error_map.cell, error_map.robot, error_map.samples))
     colour = "green" if error_map.arm_check.checked else "yellow"
     say(f"[{colour}]Arm and tool[/]: {escape(error_map.arm_check.words)}")
-    for fact in error_map.facts:
-        if fact.code in ("reflector-checked", "reflector-not-checked"):
-            say(f"Reflector: {escape(fact.words[0].upper() + fact.words[1:])}.")
-        if fact.effect in _EFFECTS and fact.code not in _SAID_ELSEWHERE:
-            say(f"[yellow]Fact {fact.code}[/]: {escape(fact.words)} ({_EFFECTS[fact.effect]}).")
+    show_facts(error_map.facts)
     if registration.hint:
         say(f"[yellow]Note[/]: {registration.hint}.")
     if models(error_map.predictor, "payload") and error_map.samples.p_load is None:

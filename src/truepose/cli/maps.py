@@ -11,7 +11,7 @@ import typer
 from truepose.cli.options import Execution, Force, Json, MapPath, with_groups
 from truepose.cli.output import accuracy_table, emit_json, overwrite, say, table, working
 from truepose.cli.store_record import RecordIn, record_validation, recorder
-from truepose.cli.summaries import show_better, show_campaign, show_worth
+from truepose.cli.summaries import show_better, show_campaign, show_facts, show_worth
 
 if TYPE_CHECKING:
     from truepose._typing import FloatArray
@@ -108,6 +108,7 @@ def validate(
     import numpy as np
 
     from truepose.error_map import load_map, recheck
+    from truepose.error_map.figures import facts_data
     from truepose.samples import read_samples
 
     with recorder(store, "verify") as record, working("Reading the map", quiet=as_json) as progress:
@@ -125,6 +126,7 @@ def validate(
             "holding": found.holding.to_dict(),
             "holding_without_gross": None if kept is None else kept.holding.to_dict(),
             "campaign": error_map.campaign,
+            "facts": facts_data(error_map),
         }
         emit_json({"map": map_path, "test": test_path, "predictor": error_map.predictor_name, **data, **more})
         return
@@ -147,6 +149,7 @@ def validate(
         )
     _show_groups(data["groups"])
     show_campaign(error_map.campaign)
+    show_facts(error_map.facts)
     show_worth(error_map.worth)
     show_better(validation.better)
     if data["seen"]:

@@ -105,7 +105,10 @@ class Reading:
         Path | None, typer.Option("--cell", help="Cell file for frames and limits; by default the map's own.")
     ] = None
     config_dat: Annotated[Path | None, typer.Option("--config-dat", help="KUKA: file with tools and bases.")] = None
-    tool: Annotated[str | None, typer.Option("--tool", help="Tool (number or name) for programs that set none.")] = None
+    tool: Annotated[
+        str | None,
+        typer.Option("--tool", help="Tool (number or name) for programs that set none; map: that of the map."),
+    ] = None
     base: Annotated[
         str | None, typer.Option("--base", help="Base (number or name) for programs that set none; 0: robot base.")
     ] = None
@@ -244,7 +247,7 @@ def check(
             {
                 "backups": [backup.to_dict() for backup in found.backups],
                 "coverage": coverage.total.to_dict(),
-                "programs": [{"file": p.path, **p.counts(), "following": p.following} for p in found.programs],
+                "programs": [_checked(program) for program in found.programs],
                 "missing_frames": [line for rows in used for line in missing_lines(rows)],
                 **({} if no_targets else {"targets": [t.to_dict() for one in found.programs for t in one.targets]}),
                 "unreadable": [str(error) for error in found.unreadable],
@@ -265,6 +268,13 @@ def check(
                 say(f"Wrote {path}")
     if found.unreadable:
         raise unread(found.unreadable)
+
+
+def _checked(program: Program) -> dict[str, Any]:
+    from truepose.programs.unnamed_tools import with_measured_tool
+
+    unnamed = with_measured_tool(program)
+    return {"file": program.path, **program.counts(), "following": program.following, "without_tool": unnamed}
 
 
 def _readers(workers: int) -> AbstractContextManager[Executor | None]:

@@ -10,6 +10,7 @@ import typer
 from truepose.cli.options import Force, Json, MapPath
 from truepose.cli.output import emit_json, overwrite, say, working
 from truepose.cli.store_record import RecordIn, record_report, recorder
+from truepose.cli.summaries import show_facts
 
 
 def report(
@@ -40,6 +41,7 @@ def report(
     """Write a report for signature: conformity, accuracy, similarity, model, maps, corrected programs, provenance."""
     from truepose.cell import load_cell
     from truepose.error_map import load_map
+    from truepose.error_map.figures import facts_data
     from truepose.report import write_report
     from truepose.samples import read_samples
 
@@ -64,8 +66,9 @@ def report(
         if record is not None and row is not None and entry is not None:
             record_report(record, out, row, entry.head)
     if as_json:
-        emit_json({"report": out})
+        emit_json({"report": out, "facts": facts_data(error_map)})
     else:
+        show_facts(error_map.facts)
         say(f"Wrote {out}.")
 
 

@@ -15,6 +15,7 @@ from truepose.cli.options import Json
 from truepose.cli.output import emit_json, say, table, working
 from truepose.cli.store import StoreAddress
 from truepose.cli.store_login import PasswordStdin, UserName, logged_in, signing
+from truepose.cli.summaries import show_facts
 
 if TYPE_CHECKING:
     from truepose.store.releases import Recall
@@ -116,6 +117,7 @@ def release(
 ) -> None:
     """Release a map that somebody else made; sign with your password. It supersedes the released map of the cell."""
     with signing(store, "release", user, password_stdin) as (found, by, password):
+        from truepose.error_map.facts import Fact
         from truepose.store.releases import release_map
 
         done = release_map(found, by, named, password, comment=comment)
@@ -123,6 +125,7 @@ def release(
         emit_json({"map": done.map, "superseded": done.superseded})
         return
     say(f"Released {_map(done.map)}.", *(f"Superseded {_map(one)}." for one in done.superseded))
+    show_facts(map(Fact.from_dict, done.map["figures"].get("facts", [])))
 
 
 def withdraw(

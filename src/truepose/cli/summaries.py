@@ -2,21 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from truepose.cli.output import say, table
 
 if TYPE_CHECKING:
+    from truepose.error_map.facts import Fact
     from truepose.error_map.rivals import Better
     from truepose.error_map.worth import Worth
     from truepose.predictors import KinematicCalibration
 
+_WIDTH: Final = 80
 _SHOWN_UNITS: Final = {"rad": ("deg", 57.29577951308232, 4), "rad/Nm": ("µrad/Nm", 1e6, 3), "mm": ("mm", 1.0, 3)}
 _JOINT_UNIT: Final = ("mrad", 1e3, 4)
 OFF: Final = "off [prior σ]"
 """The column of how many prior standard deviations a parameter is from its nominal value."""
 _SOURCES: Final = {"tolerance": "manufacturing tolerances only", "subset": "nominal values"}
+
+
+def show_facts(facts: Iterable[Fact], *, told: bool = False) -> None:
+    """Show what facts of a map do to corrections; `told`: also those that do nothing, in lines of a terminal."""
+    import textwrap
+
+    from rich.markup import escape
+
+    from truepose.error_map.facts import in_force
+
+    for fact in facts if told else in_force(facts):
+        head, text = f"Fact {fact.code}", f"{fact.sentence}."
+        if told:
+            first = " " * len(f"{head}: ")
+            lines = textwrap.wrap(text, _WIDTH, initial_indent=first, subsequent_indent="  ", break_on_hyphens=False)
+            text = "\n".join(lines).lstrip()
+        say(f"[{'bold' if fact.effect == 'told' else 'yellow'}]{head}[/]: {escape(text)}")
 
 
 def show_campaign(campaign: Mapping[str, Any]) -> None:

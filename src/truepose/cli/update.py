@@ -11,6 +11,7 @@ import typer
 from truepose.cli.options import Force, Json, MapPath
 from truepose.cli.output import emit_json, overwrite, say, table, working
 from truepose.cli.store_record import RecordIn, map_to_use, record_update, recorder
+from truepose.cli.summaries import show_facts
 from truepose.errors import RefusedError
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ def update(
     import numpy as np
 
     from truepose.error_map import recheck, update_map
+    from truepose.error_map.figures import facts_data
     from truepose.samples import read_samples
 
     overwrite(force, *([] if out is None else [out]))
@@ -60,7 +62,11 @@ def update(
             raise RefusedError(f"{map_path}: {' '.join(before.words)} Nothing was written; {remedy}")
         only_tested = out is None and refit is None
         with working("Fitting the map again", quiet=as_json):
-            new = error_map if only_tested else update_map(error_map, samples, None if refit is None else refit.value)
+            new = (
+                error_map
+                if only_tested
+                else update_map(error_map, samples, None if refit is None else refit.value, checked=before)
+            )
             after = before if before is not None else recheck(new, samples)
         far = [samples.identify(i) for i in after.holding.far]
         if out is not None:
@@ -69,10 +75,19 @@ def update(
                 record_update(record, row, out, new, samples_path, samples)
     if as_json:
         emit_json(
-            {"map": map_path, "samples": samples_path, "out": out, "refit": refit, **after.to_dict(), "far_points": far}
+            {
+                "map": map_path,
+                "samples": samples_path,
+                "out": out,
+                "refit": refit,
+                **after.to_dict(),
+                "far_points": far,
+                "facts": facts_data(new),
+            }
         )
         return
     say(*after.words)
+    show_facts(new.facts)
     if after.holding.far:
         say(f"[yellow]Far from the prediction[/]: {samples.rows(np.array(after.holding.far))}.")
     if refit in (Refit.tool, Refit.both):

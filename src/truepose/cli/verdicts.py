@@ -58,11 +58,15 @@ def show_checked(program: Program) -> None:
     import numpy as np
     from rich.markup import escape
 
+    from truepose.programs.unnamed_tools import unnamed_words, with_measured_tool
+
     codes = _codes(program)
     say(f"[bold]{escape(str(program.path))}[/]: {_verdicts(codes)}")
     modules = program.modules
     for module, rows in modules.items() if len(modules) > 1 else ():
         say(f"  {escape(str(module))}: {_verdicts(codes[rows])}")
+    for text in unnamed_words(with_measured_tool(program)):
+        say(escape(f"  {text}"))
     _say_blended(program)
     _say_reasons(program.targets, np.flatnonzero((codes != 0) & (codes != _FOLLOWS)))
 

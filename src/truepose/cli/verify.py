@@ -13,6 +13,7 @@ from truepose.cli.options import Force, Json, MapPath, with_groups
 from truepose.cli.output import emit_json, overwrite, say, table, working
 from truepose.cli.programs import Reading
 from truepose.cli.store_record import RecordIn, map_to_use, record_verification, recorder
+from truepose.cli.summaries import show_facts
 
 if TYPE_CHECKING:
     from truepose.programs import ProgramVerification
@@ -69,6 +70,7 @@ def verify(
 
     from truepose._io.files import write_atomic
     from truepose._io.workbook import in_format
+    from truepose.error_map.figures import facts_data
     from truepose.errors import FileError
     from truepose.programs import verify_program
     from truepose.trackers import read_measurement
@@ -99,9 +101,10 @@ def verify(
         if record is not None:
             record_verification(record, found, in_json.encode(), program_path, out)
     if as_json:
-        emit_json(found.to_dict())
+        emit_json({**found.to_dict(), "facts": facts_data(error_map)})
     else:
         _show(found)
+        show_facts(error_map.facts)
         if out is not None:
             say(f"Wrote {out}.")
     if found.decision == "fail":

@@ -93,8 +93,35 @@ CODES: Final = {
     "reflector-not-checked": Kind("told", "whether the reflector sits at the stated tool was not checked"),
     "registration": Kind("told", "what the registration found beside station and tool"),
     "left-out": Kind("told", "readings that contradict the others, or were masked, took no part in the fit"),
+    "not-holding": Kind("told", "new samples contradicted the map when they were added, which was accepted"),
+    "new-conditions": Kind(
+        "told",
+        "new samples have a temperature, time or payload that no sample of the map had and the map does not know",
+    ),
+    "campaign-not-tested": Kind(
+        "told", "there were too few samples to test for a moved tracker, a scale error or a drift"
+    ),
+    "identification": Kind("told", "what the identification of the arm found beside its parameters"),
+    "approximated": Kind(
+        "told", "there were too many samples for the predictor that was asked for, which is approximated"
+    ),
+    "load-centre": Kind("told", "the samples state payloads without their centre of mass, which is assumed"),
+    "suspect-readings": Kind("told", "readings lay far from the expected positions when they were imported"),
+    "missing": Kind("told", "points of the plan had no reading and were left out when the readings were imported"),
+    "reordered": Kind(
+        "told", "readings in another order than the plan were assigned by their positions when they were imported"
+    ),
+    "averaged": Kind("told", "repeated readings were averaged when they were imported"),
+    "import-note": Kind("told", "what the import found about the file of readings"),
 }
 """The kinds of facts by code; docs/facts.md shows this table."""
+EFFECTS: Final[dict[Effect, str]] = {
+    "refuses": "corrections are refused until it is accepted with {how}",
+    "transforms": "corrections follow it",
+    "widens": "the standard deviation allows for it",
+    "told": "",
+}
+"""What facts of each effect do, in words."""
 _ACCEPTED_BY: Final = dict.fromkeys(("weak", "constant-std"), "--accept-weak-map (Python: accept_weak_map=True)")
 
 
@@ -137,6 +164,12 @@ class Fact:
         """What the fact does to corrections: refuses them, transforms targets, widens the std, or is told only."""
         return CODES[self.code].effect
 
+    @property
+    def sentence(self) -> str:
+        """What was found, and what it does to corrections; without a full stop."""
+        does = EFFECTS[self.effect].format(how=how_to_accept(self.code))
+        return f"{self.words} ({does})" if does else self.words
+
     def to_dict(self) -> dict[str, Any]:
         """Return the fact as plain values, its effect included."""
         return {**asdict(self), "effect": self.effect}
@@ -151,6 +184,21 @@ class Fact:
             If a value is missing or of a wrong kind.
         """
         return cls(**{name: value for name, value in found.items() if name != "effect"})
+
+
+def of_import(found: Iterable[tuple[str, str]]) -> list[Fact]:
+    """Return the facts that a table of samples states; those of a later version, whose code is not known, as notes."""
+    return [Fact(code if code in CODES else "import-note", words, "import") for code, words in found]
+
+
+def how_to_accept(code: str) -> str:
+    """Return the option, and the argument in Python, that accepts a fact that refuses."""
+    return _ACCEPTED_BY.get(code, f"--accept {code} (Python: accept={{{code!r}}})")
+
+
+def in_force(facts: Iterable[Fact]) -> list[Fact]:
+    """Return the facts that do something to corrections, in their order."""
+    return [fact for fact in facts if fact.effect != "told"]
 
 
 def refuse(facts: Iterable[Fact], accept: Collection[str]) -> list[str]:
@@ -176,7 +224,6 @@ def refuse(facts: Iterable[Fact], accept: Collection[str]) -> list[str]:
     found = [fact for fact in facts if fact.effect == "refuses"]
     if stopping := [fact for fact in found if fact.code not in accept]:
         first = stopping[0].code
-        how = _ACCEPTED_BY.get(first, f"--accept {first} (Python: accept={{{first!r}}})")
         words = "; ".join(fact.words for fact in stopping)
-        raise RefusedError(f"{words}; {CODES[first].remedy}, or accept it with {how}")
+        raise RefusedError(f"{words}; {CODES[first].remedy}, or accept it with {how_to_accept(first)}")
     return [f"accepted: {fact.words}" for fact in found]

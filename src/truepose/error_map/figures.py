@@ -34,11 +34,16 @@ def fit_figures(error_map: ErrorMap) -> dict[str, Any]:
         "excluded": error_map.excluded,
         "campaign": error_map.campaign,
         "arm_check": error_map.arm_check.to_dict(),
-        "facts": [fact.to_dict() for fact in error_map.facts],
+        "facts": facts_data(error_map),
         "worth": error_map.worth.to_dict(),
         **({} if calibration is None else {"calibration": calibration_data(calibration)}),
         **({"fleet": fleet} if fleet else {}),
     }
+
+
+def facts_data(error_map: ErrorMap) -> list[dict[str, Any]]:
+    """Return the facts of a map, each with its effect."""
+    return [fact.to_dict() for fact in error_map.facts]
 
 
 def fleet_data(predictor: Predictor) -> dict[str, Any]:

@@ -8,8 +8,8 @@ from operator import itemgetter
 
 import numpy as np
 
-from truepose.error_map.conditions import conditions_of, not_covered
-from truepose.error_map.facts import Fact
+from truepose.error_map.conditions import conditions_of, models, not_covered
+from truepose.error_map.facts import CODES, Fact
 from truepose.error_map.judgement import judged
 from truepose.error_map.lost_motion import from_other_sides
 from truepose.error_map.prediction import PredictingMap
@@ -27,6 +27,7 @@ def facts_of(error_map: PredictingMap) -> list[Fact]:
         *error_map.stated,
         *_of_campaign(error_map),
         *_of_arm(error_map),
+        *_of_identification(error_map),
         *_of_samples(error_map),
         *_of_work(error_map),
         *_of_value(error_map),
@@ -40,6 +41,8 @@ def _of_campaign(error_map: PredictingMap) -> Iterator[Fact]:
     campaign = error_map.campaign
     for fault in campaign.get("faults", []):
         yield Fact(fault["kind"], fault["words"], "fit", fault["size"], fault.get("size_std"), "mm")
+    if campaign and not campaign.get("tested", True):
+        yield Fact("campaign-not-tested", CODES["campaign-not-tested"].meaning, "fit")
     if suspected := campaign.get("suspected_drift_mm", 0.0):
         words = f"a drift of the readings of {suspected:.3f} mm (RMS) is suspected, and too uncertain to be named"
         yield Fact("suspected-drift", words, "fit", suspected, None, "mm")
@@ -56,9 +59,25 @@ def _of_arm(error_map: PredictingMap) -> Iterator[Fact]:
         yield Fact("registration", error_map.registration.hint, "fit")
 
 
+def _of_identification(error_map: PredictingMap) -> Iterator[Fact]:
+    model = error_map.predictor
+    if hint := getattr(getattr(model, "calibration_", model), "hint_", ""):
+        yield Fact("identification", hint, "fit")
+
+
 def _of_samples(error_map: PredictingMap) -> Iterator[Fact]:
     for reason, rows in groupby(error_map.excluded, key=itemgetter("reason")):
         yield Fact("left-out", f"{name_points(list(rows))} left out of the fit: {reason}", "fit")
+    if models(error_map.predictor, "payload") and error_map.samples.p_load is None:
+        words = (
+            "the samples state payloads without their centre of mass (x_load_mm …); it is taken to lie between wrist"
+        )
+        yield Fact("load-centre", f"{words} and tool point", "fit")
+    yield from _of_sides(error_map)
+
+
+def _of_sides(error_map: PredictingMap) -> Iterator[Fact]:
+    """Yield what the samples do not tell about the lost motion of joints."""
     lost, q = error_map.lost_motion, error_map.samples.q
     if q is None:
         return

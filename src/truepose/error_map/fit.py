@@ -15,6 +15,7 @@ from truepose.error_map.campaign import CampaignCheck, check_campaign
 from truepose.error_map.conditions import modelled_conditions
 from truepose.error_map.distances import check_distance_rows, distance_rows, unused_distances, with_origins
 from truepose.error_map.exclusions import contradicted, gross_readings, without_gross
+from truepose.error_map.facts import Fact, of_import
 from truepose.error_map.fleet import fleet_of
 from truepose.error_map.map import ErrorMap
 from truepose.error_map.registration import with_tool_hint, wrong_tool_named
@@ -138,7 +139,10 @@ def fit_cell(
                 progress=progress,
             )
         else:
-            predictor = _for_many(predictor, len(samples))
+            asked, predictor = predictor, _for_many(predictor, len(samples))
+            if predictor != asked:
+                words = f"{len(samples)} samples are too many for {asked}; {predictor} was fitted"
+                facts = [*facts, Fact("approximated", words)]
             progress(f"Fitting {predictor}")
             errors = measured.errors(registration, tf_flange_tool)
             choice = Choice([], {}, predictor, *errors.fit(predictor), errors)
@@ -167,7 +171,7 @@ def fit_cell(
         ],
         campaign=campaign.to_dict(),
         arm_check=check_arm(measured.robot, samples, tf_flange_tool, fit=cell.tool.fit),
-        stated=tuple(facts),
+        stated=(*of_import(samples.facts), *facts),
     )
     progress("Comparing the map with registration alone")
     return error_map.changed(known_worth=error_map.worth)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,10 @@ from truepose.error_map.points import commanded_points
 from truepose.error_map.registration import register_samples, tool_estimate, wrong_tool_named
 from truepose.geometry import Registration, ToolEstimate
 from truepose.robots import Robot
-from truepose.samples import Distances, Mask, Poses, Samples, on_arm, set_aside, write_samples
+from truepose.samples import Distances, Mask, Poses, Samples, name_one, on_arm, set_aside, write_samples
 from truepose.trackers import ImportSummary, import_readings
+
+_SHOWN: Final = 8  # points that a fact names
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,6 +208,8 @@ def import_samples(
     if not accept_campaign:
         with wrong_tool_named(cell, robot, samples):
             campaign.refuse(samples.source, accepted=("moved", "drift", "reference") if two_stations else ())
+    facts = _facts(understood, samples, registration)
+    table, samples = replace(table, facts=facts), replace(samples, facts=facts)
     return ImportedSamples(
         table=table,
         reasons=reasons,
@@ -217,6 +221,29 @@ def import_samples(
         tool=tool_estimate(cell, robot, samples),
         residuals=registration.apply(table.p_meas) - _commanded(cell, robot, table, tf_flange_tool),
     )
+
+
+def _facts(understood: ImportSummary, samples: Samples, registration: Registration) -> tuple[tuple[str, str], ...]:
+    """Return what the import found about the readings, each with the code of a fact."""
+    far, size = np.flatnonzero(registration.outliers), np.linalg.norm(registration.residuals, axis=1)
+    listed = {
+        "missing": ("points of the plan without a reading were left out", understood.missing_points),
+        "reordered": ("readings in another order than the plan were reordered", understood.reordered_points),
+        "suspect-readings": (
+            "readings lie far from the expected positions",
+            [f"{name_one(samples.identify(i))} by {size[i]:.3f} mm" for i in far.tolist()] or understood.outlier_points,
+        ),
+    }
+    found = [(code, f"{what}: {_some(points)}") for code, (what, points) in listed.items() if points]
+    if understood.averaged:
+        found.append(("averaged", f"{understood.averaged} repeated readings were averaged"))
+    return (*found, *(("import-note", note.rstrip(".")) for note in understood.notes))
+
+
+def _some(points: Sequence[str]) -> str:
+    """Return the first points in words."""
+    more = f" and {len(points) - _SHOWN} more" if len(points) > _SHOWN else ""
+    return ", ".join(points[:_SHOWN]) + more
 
 
 def _commanded(cell: Cell, robot: Robot, table: Samples, tf_flange_tool: FloatArray) -> FloatArray:

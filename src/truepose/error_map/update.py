@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.conditions import knows, strange_conditions, with_conditions
+from truepose.error_map.facts import Fact, of_import
 from truepose.error_map.map import ErrorMap
 from truepose.error_map.orientations import mounting_of, orientation_columns
 from truepose.error_map.points import points_on_tool
@@ -165,7 +166,9 @@ def recheck(error_map: ErrorMap, samples: Samples) -> Recheck:
     return Recheck(found, why, over(samples.time, 1 / 3600.0), over(samples.temperature, 1.0), strange)
 
 
-def update_map(error_map: ErrorMap, samples: Samples, refit: Refit | None = None) -> ErrorMap:
+def update_map(
+    error_map: ErrorMap, samples: Samples, refit: Refit | None = None, *, checked: Recheck | None = None
+) -> ErrorMap:
     """Return a map updated with new samples.
 
     Parameters
@@ -178,6 +181,9 @@ def update_map(error_map: ErrorMap, samples: Samples, refit: Refit | None = None
         The part to fit again from three or more samples: the station (a moved tracker), the tool point (another tool or
         reflector), or both; the errors of the arm are kept. By default the samples are added to those of the map, with
         its hyperparameters.
+    checked : Recheck, optional
+        The result of `recheck` with these samples, if it is at hand: what it found against them is a fact of the new
+        map.
 
     Returns
     -------
@@ -200,7 +206,10 @@ def update_map(error_map: ErrorMap, samples: Samples, refit: Refit | None = None
     """
     samples = on_arm(samples, error_map.robot)
     if refit is None:
-        return _joined(error_map, samples)
+        found = _findings(checked or recheck(error_map, samples))
+        known = {*error_map.stated}
+        new = [fact for fact in (*of_import(samples.facts), *found) if fact not in known]
+        return _joined(error_map, samples).changed(stated=(*error_map.stated, *new))
     if refit == "station":
         e, _ = error_map.predict_errors(samples)
         p_real = error_map.commanded_positions(samples) + e
@@ -208,6 +217,15 @@ def update_map(error_map: ErrorMap, samples: Samples, refit: Refit | None = None
     if refit not in ("tool", "both"):
         raise DataError(f'refit is {refit!r}; expected "station", "tool", "both", or None to add the samples')
     return _with_tool(error_map, samples, station=refit == "both")
+
+
+def _findings(checked: Recheck) -> list[Fact]:
+    """Return what a check found against samples that are added to a map nevertheless."""
+    found = [Fact("new-conditions", words.rstrip("."), "update") for words in checked.strange]
+    if checked.holding.verdict != "holds":
+        words = " ".join(checked.words[:1]).rstrip(".")
+        found.append(Fact("not-holding", f"when {checked.holding.n} samples were added: {words}", "update"))
+    return found
 
 
 def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:

@@ -61,6 +61,7 @@ from truepose.programs.proof import proven_hashes
 from truepose.programs.reading import read_program
 from truepose.programs.record import check_not_corrected
 from truepose.programs.stated_robots import stated_robot
+from truepose.programs.unnamed_tools import unnamed_words, with_measured_tool
 
 Progress = Callable[[int, int], Any]
 _SHOWN: Final = 3  # reasons that a message names
@@ -176,7 +177,7 @@ def correct_program(
     on_guard = limits.on_guard
     known = CorrectionContext.of(error_map)
     program = _read(path, cell or known.cell, frames, options, orientation)
-    warnings = _check_robot(error_map, program, cell, other_maker, (other_robot, this_robot), accept)
+    warnings = _check_robot(error_map, program, cell, other_maker, (other_robot, this_robot))
     if proven:
         warnings = [*check_not_corrected(program, known.path), *warnings]
     resolution = max(resolution, program.finest)
@@ -206,6 +207,7 @@ def correct_program(
     if isinstance(asked_map, KnowsCell) and isinstance(asked_map, KnowsPayload):
         warnings += check_loads(program, cell or asked_map.cell, asked_map.payload_at_work)
     warnings += tools_without_payload(program, asked_map)
+    warnings += unnamed_words(with_measured_tool(program), known.tf_flange_tool)
     done = 0
     for rows, columns in program.correctable_columns():
         if near is not None:
@@ -269,6 +271,7 @@ def correct_program(
         known.path,
         refused_files,
         robot=_robot(known.cell, cell, other_robot, this_robot),
+        facts=tuple(error_map.facts) if isinstance(error_map, KnowsFacts) else (),
     )
 
 
@@ -317,7 +320,6 @@ def _check_robot(
     cell: Cell | None,
     other_maker: bool,
     whose: tuple[str, bool],
-    accept: Collection[str],
 ) -> list[str]:
     """Refuse a program or a cell of another robot than the map's; return the warnings."""
     known = CorrectionContext.of(error_map)
@@ -325,8 +327,9 @@ def _check_robot(
         return []
     facts = error_map.facts if isinstance(error_map, KnowsFacts) else []
     placed = any(fact.effect == "transforms" for fact in facts)
-    warnings = [fact.words for fact in facts if fact.effect == "transforms"]
-    warnings += [f"accepted: {fact.words}" for fact in facts if fact.code in accept]
+    warnings = [fact.sentence for fact in facts if fact.effect in ("transforms", "widens")]
+    names = {"weak": "a weak map was accepted"}
+    warnings += [f"{names.get(fact.code, 'accepted')}: {fact.words}" for fact in facts if fact.effect == "refuses"]
     if known.cell is not None:
         warnings += check_library(known.cell, known.robot, placed=placed)
         if cell is not None:
@@ -363,7 +366,7 @@ _Asked = tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], dict[int, s
 
 def _weakness(error_map: Corrector) -> list[str]:
     """Return the warning of a weak map that is used."""
-    if isinstance(error_map, KnowsWorth) and error_map.worth.weak:
+    if isinstance(error_map, KnowsWorth) and not isinstance(error_map, KnowsFacts) and error_map.worth.weak:
         return [f"a weak map was accepted: {error_map.worth.words}"]
     return []
 

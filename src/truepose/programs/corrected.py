@@ -18,6 +18,7 @@ from truepose._io.workbook import to_workbook
 from truepose._io.zips import is_zip, on_disk
 from truepose._version import version
 from truepose.compensation import LimitsInForce, Policy
+from truepose.error_map.facts import Fact
 from truepose.errors import FileError, RecoveryWarning
 from truepose.programs import history
 from truepose.programs.core.outcomes import CorrectedShare, Outcomes
@@ -94,6 +95,8 @@ class CorrectedProgram:
         the map of another one is used (``other_robot``), and the id that is ``stated`` now for a map without one.
     rendered : RenderedParts, optional
         The corrected files and the rows of the records, if a worker has written them already.
+    facts : tuple of Fact
+        The facts of the map; those that refuse corrections were accepted.
     """
 
     program: Program
@@ -110,6 +113,7 @@ class CorrectedProgram:
     map_state: str | None = None
     robot: Mapping[str, str] = field(default_factory=dict)
     rendered: RenderedParts | None = None
+    facts: tuple[Fact, ...] = ()
 
     def __repr__(self) -> str:
         return f"<CorrectedProgram {self.program.path}: {self.coverage}>"
@@ -165,6 +169,8 @@ class CorrectedProgram:
             "continuity": self.continuity.summary(),
             "blended": self.program.blended,
             "warnings": list(self.warnings),
+            "facts": [fact.to_dict() for fact in self.facts],
+            "accepted": [fact.code for fact in self.facts if fact.effect == "refuses"],
             "refused": {str(path): reason for path, reason in self.refused.items()},
         }
 

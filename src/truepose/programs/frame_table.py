@@ -12,7 +12,7 @@ import numpy as np
 from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.geometry.transforms import check_transforms, invert_transform
-from truepose.programs.core.program import IDENTITY, Key, MotionGroups, frame_key
+from truepose.programs.core.program import IDENTITY, MEASURED_TOOL, Key, MotionGroups, frame_key
 from truepose.programs.krl.controller import read_config_dat
 
 if TYPE_CHECKING:
@@ -35,7 +35,8 @@ class FrameTable:
     bases : mapping of int or str to (4, 4) array [mm]
         The transforms from the robot's base to each frame of targets. Number 0 is the controller's world.
     tool, base : int or str, optional
-        The tool and the base in force where a program sets none.
+        The tool and the base in force where a program sets none. The tool ``map`` is the one that the map was measured
+        with, if none has this name.
     in_world : set of int or str
         The bases that are given in the controller's world instead, as in ``$config.dat``.
     tf_world_base : (4, 4) array [mm], optional
@@ -76,7 +77,8 @@ class FrameTable:
             if (given_default := getattr(self, which)) is None:
                 continue
             key = frame_key(given_default)
-            if key not in (known := getattr(self, kind)):
+            measured = which == "tool" and key == MEASURED_TOOL
+            if key not in (known := getattr(self, kind)) and not measured:
                 shown = ", ".join(map(str, known))
                 raise DataError(f"{which} {key} is not among those given ({shown}); give it in [frames.{kind}.{key}]")
             object.__setattr__(self, which, key)

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 
 from truepose._io.folders import is_blank
 from truepose.programs.core.program import Program, ReadOptions
+from truepose.programs.core.scales import refuse_off_scale
 
 KRL: Final = (".src", ".dat")
 _OF_PROJECTS: Final = (".installation", ".pjx", ".tp")
@@ -74,4 +75,4 @@ def all_endings() -> str:
 
 def again_by(reader: Callable[[], Program], options: ReadOptions, language: str) -> Program:
     """Read a program that knows how to read itself again."""
-    return replace(reader(), options=options, again=reader, language=language)
+    return refuse_off_scale(replace(reader(), options=options, again=reader, language=language))

@@ -64,7 +64,8 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
         tool, frame = (Frame(text[key], text[key]) if text.get(key) else None for key in ("tool", "frame"))
         point.uses.append(reader.use(text.get("motion") or "target", line, tool, frame))
         reader.points.append(point)
-    return reader.program(controller, unit=unit, tool=Frame(AS_MEASURED), frame=Frame("base", 0))
+    tool = None if "tool" in columns else Frame(AS_MEASURED)  # an empty cell leaves out what others state
+    return reader.program(controller, unit=unit, tool=tool, frame=Frame("base", 0))
 
 
 def _meaning(source: Source, line: int, columns: list[str], options: ReadOptions) -> tuple[list[str], float, str]:

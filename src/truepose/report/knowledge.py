@@ -10,7 +10,7 @@ import numpy as np
 from truepose._typing import FloatArray
 from truepose.compensation import Gap
 from truepose.error_map import ErrorMap
-from truepose.error_map.figures import fleet_data
+from truepose.error_map.figures import facts_data, fleet_data
 from truepose.predictors import KinematicKriging
 from truepose.predictors.abilities import JointlyPredicting, ParameterEstimating
 from truepose.predictors.kinematic import JointCurve
@@ -91,6 +91,7 @@ class Knowledge:
             "fleet": self.fleet,
             "joint_gaps": [gap.to_dict() for gap in self.gaps],
             "measure_next": self.next_poses,
+            "facts": facts_data(self.error_map),
         }
 
 

@@ -46,6 +46,7 @@ def document(evidence: Evidence, say: Locale, *, interactive: bool = False) -> D
         _maps(evidence, say),
         _registration(evidence, say),
         _similarity(evidence, say),
+        _facts(evidence, say),
         _model(evidence, say),
         records.section(evidence.records, error_map.hash, say),
         *([] if verified is None else [verified]),
@@ -331,6 +332,13 @@ def _similarity(evidence: Evidence, say: Locale) -> Section:
     for part in evidence.study.parts:
         blocks += [Picture(figures.variogram(part, say), title(part, say), _NARROW), Facts(findings(part, say))]
     return Section(say("similarity_section.title"), blocks)
+
+
+def _facts(evidence: Evidence, say: Locale) -> Section:
+    """Return what is known about the map beside its predictions, each with its effect on corrections."""
+    rows = [[fact.code, say(f"facts.{fact.effect}"), fact.words] for fact in evidence.error_map.facts]
+    columns = [say(f"facts.{name}") for name in ("code", "effect", "words")]
+    return Section(say("facts.title"), [Text(say("facts.about")), Table(columns, rows, left=len(columns))])
 
 
 def _model(evidence: Evidence, say: Locale) -> Section:

@@ -18,6 +18,10 @@ from truepose.samples.split import distance_quantities, split_distances
 
 MASKED: Final = "masked"
 """The column of reasons in the tidy table."""
+FACT: Final = "fact"
+"""The column of what the import found about the table, one fact to a row."""
+BETWEEN: Final = " || "
+"""What separates facts in one field, where there are more of them than rows."""
 
 
 @dataclass(frozen=True)
@@ -113,15 +117,27 @@ def counted_quantities(table: TextTable, reasons: NDArray[np.str_] | None = None
     found = {"row": rows[~apart], **quantities(positions, measured=True), "line": positions.line}
     if distances is not None:
         found["distances"] = {"row": rows[apart], **distance_quantities(distances)}
-    return {**found, "excluded": excluded_rows(table, reasons)}
+    return {**found, "excluded": excluded_rows(table, reasons), "facts": facts_of_rows(table)}
 
 
 def masked_rows(table: TextTable) -> NDArray[np.str_]:
     """Return the reason of each row of a tidy table, (n,); empty where it counts."""
-    column = next((k for k, name in enumerate(table.header) if name.strip().lower() == MASKED), None)
-    if column is None:
+    return _texts(table, MASKED)
+
+
+def facts_of_rows(table: TextTable) -> tuple[tuple[str, str], ...]:
+    """Return the facts in a tidy table, each a code with its words; a field without a code is none."""
+    found = [one for field in _texts(table, FACT).tolist() for one in field.split(BETWEEN)]
+    parts = [one.partition(": ") for one in found]
+    return tuple([(code, words) for code, mark, words in parts if mark])
+
+
+def _texts(table: TextTable, column: str) -> NDArray[np.str_]:
+    """Return the texts of a column of a tidy table, (n,); empty where there is no such column."""
+    place = next((k for k, name in enumerate(table.header) if name.strip().lower() == column), None)
+    if place is None:
         return np.full(len(table.line), "", dtype="<U1")
-    return np.array([unescaped(field) for field in table.fields[:, column].tolist()], dtype=np.str_)
+    return np.array([unescaped(field) for field in table.fields[:, place].tolist()], dtype=np.str_)
 
 
 def rows_of(table: TextTable, rows: IntArray) -> TextTable:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _VECTORS: Final = {"p_cmd", "p_meas", "p_std", "rotation_std", "p_origin", "p_load"}
 _REPR_UNITS: Final = {"temperature": "°C", "load": "kg", "distance": "mm", "distance_std": "mm"}
 _WHOLE: Final = ("row", "line")
-_ABOUT: Final = ("source", "excluded", "distances")
+_ABOUT: Final = ("source", "excluded", "distances", "facts")
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -299,6 +299,8 @@ class Samples(Poses):
     distances : Distances, optional
         Distances from fixed points, at the same or other poses; see `truepose.samples.distances`. Part of the samples
         have all of them.
+    facts : tuple of (str, str)
+        What the import found about the readings: the code of each fact (see docs/facts.md) and its words.
     **commanded
         The commanded quantities, see `Poses`; all but `p_meas` by keyword.
 
@@ -318,6 +320,7 @@ class Samples(Poses):
     time: FloatArray | None = None
     excluded: tuple[dict[str, Any], ...] = ()
     distances: Distances | None = None
+    facts: tuple[tuple[str, str], ...] = ()
 
     @classmethod
     def of(cls, found: Mapping[str, Any], source: str) -> Self:

@@ -16,6 +16,7 @@ origin, x_origin_mm …                       that point: its name in the cell f
 time_s, temp_C, load_kg                     time of the reading, air temperature, payload
 x_load_mm …                                 centre of mass of the payload, flange frame
 masked                                      the reason to leave this row out; empty where it counts
+fact                                        what the import found about the table (code: words), one fact to a row
 ==========================================  =========================================================================
 
 Lengths may also be _m, _cm, _um, _in, angles _rad, _mrad; the delimiter is a comma, semicolon, tab or blanks.
@@ -50,7 +51,7 @@ from truepose.samples.checks import check
 from truepose.samples.columns import header_of, names_columns
 from truepose.samples.distances import check_distances
 from truepose.samples.frames import quantities
-from truepose.samples.masked import MASKED, SampleTable, all_rows, counted_quantities
+from truepose.samples.masked import BETWEEN, FACT, MASKED, SampleTable, all_rows, counted_quantities
 from truepose.samples.split import distance_quantities
 from truepose.samples.table import Distances, Poses, Samples
 
@@ -205,6 +206,9 @@ def samples_text(samples: Poses, path: str | Path = "samples", reasons: NDArray[
     if reasons is not None and (reasons != "").any():
         masked = [csv_cell(reason) for reason in reasons.tolist()]
         columns[MASKED] = masked + [""] * (len(columns["row"]) - len(masked))
+    if found := [f"{code}: {words}" for code, words in getattr(samples, "facts", ())]:
+        n = len(columns["row"])
+        columns[FACT] = [csv_cell(escaped(BETWEEN.join(found[k::n]))) for k in range(n)]
     rows = [",".join(row) for row in zip(*columns.values(), strict=True)]
     return "\n".join([",".join(columns), *rows]) + "\n"
 

@@ -19,6 +19,7 @@ import sqlalchemy as sa
 from truepose._io.archive import as_written
 from truepose.cell import Cell
 from truepose.error_map import ErrorMap
+from truepose.error_map.figures import facts_data
 from truepose.errors import DataError
 from truepose.programs import ProgramVerification
 from truepose.programs.history import recorded_positions
@@ -110,7 +111,8 @@ def add_map(
     parent_id: int | None = None,
 ) -> int:
     """Add a map as a draft; a file that was packed again is the map that the store has."""
-    figures = {"n": len(error_map.samples), "expected": error_map.expected, "worth": error_map.worth.to_dict()}
+    worth, facts = error_map.worth.to_dict(), facts_data(error_map)
+    figures = {"n": len(error_map.samples), "expected": error_map.expected, "worth": worth, "facts": facts}
     name = path.name.removesuffix(".truepose")
     data, predictor = as_written(path.read_bytes(), path), error_map.predictor_name
     return records.put_map(change, records.NewMap(cell_id, name, data, predictor, figures, reading_sets, parent_id))

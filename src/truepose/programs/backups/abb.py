@@ -19,6 +19,7 @@ from truepose.errors import DataError, FileError
 from truepose.programs.backups.abb_tasks import TASK, Backup, BackupTask
 from truepose.programs.backups.controller import Contents, StoredFrames
 from truepose.programs.core.program import Program, ReadOptions
+from truepose.programs.core.scales import refuse_off_scale
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.rapid.controller import AbbRobot
 from truepose.programs.rapid.reader import TaskFiles, read_tasks
@@ -89,7 +90,7 @@ def read_all(
     def finished(program: Program) -> Program:
         return replace(program, root=root, options=options, again=partial(again, program.path), language="rapid")
 
-    return [finished(program) for program in programs], broken
+    return [refuse_off_scale(finished(program)) for program in programs], broken
 
 
 def _task(backup: Backup, task: BackupTask, frames: FrameTable, options: ReadOptions) -> TaskFiles:

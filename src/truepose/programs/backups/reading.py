@@ -15,6 +15,7 @@ from truepose.errors import DataError, FileError
 from truepose.programs.backups.backup import Backup, Controller, format_of
 from truepose.programs.backups.frames import joined_frames
 from truepose.programs.core.program import Program, ReadOptions
+from truepose.programs.core.scales import refuse_off_scale
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.languages import LANGUAGES, again_by, language_of
 from truepose.programs.robot_base import standing
@@ -114,7 +115,8 @@ def read_rapid_tasks(
         return replace(read_tasks(tasks, frames, options, **more)[k], options=options)
 
     programs = read_tasks(tasks, frames, options, **more)
-    return [replace(one, options=options, again=partial(again, k), language="rapid") for k, one in enumerate(programs)]
+    found = [replace(one, options=options, again=partial(again, k), language="rapid") for k, one in enumerate(programs)]
+    return [refuse_off_scale(program) for program in found]
 
 
 def _single_files(controller: Controller, frames: FrameTable, options: ReadOptions, more: Mapping[str, Any]) -> _Found:

@@ -334,6 +334,25 @@ class ProgramTargets(Sequence[Target]):
         if waiting:
             yield first, _join(waiting)
 
+    def refused(self, reasons: Mapping[int, str]) -> ProgramTargets:
+        """Return the same targets with some refused, by their places, each with its reason."""
+        found = ProgramTargets((), self.motions, self.follows)
+        found._alike, found._starts = list(self._alike), self._starts
+        known: dict[object, int] = {}
+        for k, (piece, kinds) in enumerate(self._pieces):
+            rows = [i for i in reasons if self._starts[k] <= i < self._starts[k + 1]]
+            if not rows:
+                alike = replace(piece, alike=found._alike) if isinstance(piece, TargetColumns) else piece
+                found._pieces.append((alike, kinds))
+                continue
+            columns = self._columns(k)
+            kind = columns.kind.copy()
+            for i in rows:
+                like = replace(columns.target(i - self._starts[k]), verdict="refuse", reason=reasons[i])
+                kind[i - self._starts[k]] = _kind(like, found._alike, known)
+            found._pieces.append((replace(columns, alike=found._alike, kind=kind), []))
+        return found
+
     @property
     def names_joints(self) -> bool:
         """Whether there are joint targets."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from truepose.programs.core.points import (
     Problem,
     Use,
     at,
+    how_to_state,
+    stated_frame,
 )
 from truepose.programs.core.program import Key, KnownFrames, ReadOptions, frame_key
 from truepose.programs.core.source import Source
@@ -182,15 +184,12 @@ class Judge:
             raise NotCorrected(self._options.ambiguous, f"{reason}: teach two points")
         return next(iter(found))
 
-    def _of(self, which: str, frame: Frame | None) -> Frame:
+    def _of(self, which: Literal["tool", "base"], frame: Frame | None) -> Frame:
         if frame is not None:
             return frame
-        default = getattr(self._frames, which)
-        if default is not None:
-            return Frame(str(default), default)
-        if (known := self._default[which]) is not None:
+        if (known := stated_frame(self._frames, which) or self._default[which]) is not None:
             return known
-        raise NotCorrected("refuse", f"the program names no {which}; state the one in force (--{which} NAME)")
+        raise NotCorrected("refuse", f"the program names no {which}; state the one in force ({how_to_state(which)})")
 
     def _changed_at(self, which: str, frame: Frame) -> str:
         """Return where the program changes a tool or base; empty if it does not."""

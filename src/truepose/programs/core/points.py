@@ -7,18 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from truepose.programs.core.joint_targets import JointNumbers
 from truepose.programs.core.order import Visit
-from truepose.programs.core.program import Key
+from truepose.programs.core.program import MEASURED_TOOL, Key, KnownFrames
 from truepose.programs.core.source import Source, Span, parse_number
 from truepose.programs.core.target import Along, Shifts, Verdict
 
 NOT_HERE: Final = (-1, -1)
 """Span of a number that a point takes over from the one before it."""
 AS_MEASURED: Final = "as measured"
-"""Tool of targets in languages that name none: the point that the map was measured with."""
+"""Tool of targets that name none: the point that the map was measured with."""
 
 
 class FileLine(NamedTuple):
@@ -90,6 +90,20 @@ class Frame(NamedTuple):
     key: Key | None = None
     tf: bytes | None = None
     changed: str = ""
+
+
+def stated_frame(frames: KnownFrames, which: Literal["tool", "base"]) -> Frame | None:
+    """Return the tool or base that the user states as in force; None where none is stated."""
+    key = frames.tool if which == "tool" else frames.base
+    if which == "tool" and key == MEASURED_TOOL and key not in frames.tools:
+        return Frame(AS_MEASURED)
+    return None if key is None else Frame(str(key), key)
+
+
+def how_to_state(which: Literal["tool", "base"]) -> str:
+    """Return how the user states the tool or base in force."""
+    measured = f", or --tool {MEASURED_TOOL} for that of the map" if which == "tool" else ""
+    return f"--{which} NAME{measured}"
 
 
 class Use(NamedTuple):

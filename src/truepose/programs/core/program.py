@@ -159,6 +159,10 @@ class MotionGroups(NamedTuple):
     independent: frozenset[int] = frozenset()
 
 
+MEASURED_TOOL: Final = "map"
+"""The name by which the user states that the tool in force is the one that the map was measured with."""
+
+
 class KnownFrames(Protocol):
     """The controller's tools and bases as readers use them; see `truepose.FrameTable`."""
 

@@ -78,7 +78,7 @@ REMEDIES: Final = (
     _remedy(
         "--tool, --base",
         "the tool or base that you name is in force when the program starts",
-        r"state the one in force \(--|give the (?:tool|base) in force with the frames|--(?:tool|base) NAME",
+        r"state the one in force \(--|--(?:tool|base) NAME",
     ),
     _remedy("--angles", "the angles follow the convention that you name", r"--angles"),
     _remedy(

@@ -197,8 +197,8 @@ class Positions:
         elif point.problem is None and point.joints is None:
             said = f"///POSTYPE {postype or 'missing'}" + (" without ///USER" if postype == "USER" else "")
             point.problem = Problem("refuse", f"{said}: the frame of its numbers is not known")
-        if tool_frame is None and point.problem is None:
-            point.problem = Problem("refuse", f"///TOOL {tool or 'missing'}: its tool is not known")
+        if tool and tool_frame is None and point.problem is None:
+            point.problem = Problem("refuse", f"///TOOL {tool}: its tool is not known")
         self._frames_of[id(point)] = Frames(tool_frame, frame)
         self._kept.append(point)
         return point

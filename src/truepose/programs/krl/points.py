@@ -16,7 +16,7 @@ from truepose.programs.core.flow import FdatFrames, InForce, State
 from truepose.programs.core.joint_targets import KUKA, JointNumbers
 from truepose.programs.core.judge import Judge, NotCorrected
 from truepose.programs.core.points import JOINTS as JOINT_TARGET
-from truepose.programs.core.points import Frame, Place, Point, Problem, Use, at
+from truepose.programs.core.points import Frame, Place, Point, Problem, Use, at, how_to_state, stated_frame
 from truepose.programs.core.program import KnownFrames, ReadOptions
 from truepose.programs.core.source import Source
 from truepose.programs.core.target import JOINT_MOTION
@@ -269,11 +269,13 @@ class KrlJudge(Judge):
             raise NotCorrected("refuse", reason)
         value = possible.pop()
         if value.kind == "unset":
-            default = getattr(self._frames, which)
+            default = stated_frame(self._frames, which)
             if default is None:
-                reason = f"no {system} is set before this motion; set it, or give the {which} in force with the frames"
-                raise NotCorrected("refuse", reason)
-            value = InForce("number", f"{data}[{default}]", default)
+                reason = f"no {system} is set before this motion; set it, or state the one in force"
+                raise NotCorrected("refuse", f"{reason} ({how_to_state(which)})")
+            if not isinstance(default.key, int):
+                return default
+            value = InForce("number", f"{data}[{default.key}]", default.key)
         if value.kind not in ("number", "literal"):
             reason = f"{system} is known at run time only: {value.text}; set it to a constant before this motion"
             if value.pose is None:

@@ -22,7 +22,6 @@ from truepose.programs.core.flow import InForce, State
 from truepose.programs.core.forms import FoundRun, is_run
 from truepose.programs.core.judge import NotCorrected
 from truepose.programs.core.points import (
-    AS_MEASURED,
     JOINTS,
     Derived,
     Frame,
@@ -138,7 +137,7 @@ class _Reader(Reader):
         self._attach(self.flow.solve())
         arcs = [[[one] if isinstance(one, Point) else one.points for one in arc] for arc in self._arcs]
         self.circles = [[point for points in arc for point in points] for arc in arcs]
-        return self.program("ur", unit=1000.0, tool=Frame(AS_MEASURED), frame=_BASE, runs=self._runs)
+        return self.program("ur", unit=1000.0, frame=_BASE, runs=self._runs)
 
     def _stored_base(self, name: str) -> FloatArray | None:
         """Return a base that the controller stores; programs see it under its name."""

@@ -20,7 +20,6 @@ from truepose.errors import FileError
 from truepose.programs.core.forms import FoundRun, is_run
 from truepose.programs.core.joint_targets import JointNumbers, in_degrees
 from truepose.programs.core.points import (
-    AS_MEASURED,
     JOINTS,
     RUN_TIME,
     Derived,
@@ -116,7 +115,7 @@ class _Reader(Reader):
             point = Point(f"{goal} (line {place.line} of {place.file})", self.source, 1, problem=computed(goal))
             point.uses.append(Use(word, place))
             self.points.append(point)
-        return self.program("staubli", tool=Frame(AS_MEASURED), runs=runs)
+        return self.program("staubli", runs=runs)
 
     def _elements(self, own: Sequence[ProgramCode]) -> dict[str, set[int] | None]:
         """Return the elements of arrays that programs name one by one.
