@@ -29,7 +29,6 @@ SAID = {
     ("cli/fit.py", "Arm and tool"): "arm-not-checked",
     ("cli/fit.py", "registration.hint"): "registration",
     ("cli/fit.py", "without their centre of mass"): "load-centre",
-    ("cli/fit.py", "every joint came from one side"): "one-sided",
     ("cli/fit.py", "Left out"): "left-out",
     ("cli/update.py", "Far from the prediction"): "not-holding",
     ("cli/summaries.py", "effect on the samples"): "moved",

@@ -84,7 +84,7 @@ class Masses:
     @property
     def of_payload(self) -> tuple[IntArray, BoolArray]:
         """The joint of each column, and whether its mass is the payload's."""
-        return self._joint, np.arange(len(self._joint)) >= self._plain
+        return self._joint, np.arange(len(self._joint)) >= self.plain
 
     def moments(self, estimate: FloatArray, load: float, power: int = 1) -> FloatArray:
         """Return the deviation of each joint by each mass per horizontal lever, (dof, dof + 1, …) [rad/mm].
