@@ -119,7 +119,7 @@ class ProgramPositions:
             return None
         same = counts >= _enough(len(self.all))
         for own in self.files.values() if not same.any() else ():  # a small module of a large project
-            same |= known.shared(own) >= _enough(len(own))
+            same |= known.shared(own) >= max(2, _enough(len(own)))  # one position may be the same by chance
         number = int(np.flatnonzero(same)[0]) if same.any() else int(np.argmax(counts))
         its = known.positions[known.owner == number]
         where = max(self.files, key=lambda path: np.isin(self.files[path], its).sum())

@@ -69,9 +69,7 @@ def test_the_serial_number_is_compared(folder: Path, make_map: Any, own: Cell, c
     [(named(None, "7"), None), (named("left arm", "7"), None), (named("left arm"), named("left arm", "7"))],
 )
 def test_another_serial_number_is_refused(folder: Path, make_map: Any, own: Cell, cell: Cell | None) -> None:
-    with pytest.raises(
-        RefusedError, match=r"serial number 500123, the map .* of 7; .*--other-robot"
-    ):
+    with pytest.raises(RefusedError, match=r"serial number 500123, the map .* of 7; .*--other-robot"):
         correct(folder, make_map, own, cell)
     (said,) = correct(folder, make_map, own, cell, other_robot="a new arm")
     assert "accepted, with the reason: a new arm" in said
