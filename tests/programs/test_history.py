@@ -207,10 +207,10 @@ def test_a_small_module_of_a_large_project_is_recognised(corrected: Path, make_m
     head, *moves = corrected.read_text().split("LIN ")
     project = tmp_path / "project"
     project.mkdir()
-    (project / "small.src").write_text(head.replace("a()", "small()") + f"LIN {moves[0]}END\n")
+    (project / "small.src").write_text(head.replace("a()", "small()") + f"LIN {moves[0]}LIN {moves[1]}END\n")
     fresh = "".join(f"LIN {{X {700 + 3 * i},Y 2,Z 3,A 0,B 90,C 0}}\n" for i in range(50))
     (project / "large.src").write_text(head.replace("a()", "large()") + fresh + "small()\nEND\n")
     found = read_programs([project]).programs
     assert max(len(program.sources) for program in found) == 2
-    with pytest.raises(RefusedError, match=r"small\.src: holds 1 positions that were corrected"):
+    with pytest.raises(RefusedError, match=r"small\.src: holds 2 positions that were corrected"):
         correct_program(found[0], make_map([0.2, 0.0, 0.0]), on_guard="skip")

@@ -119,7 +119,7 @@ class ProgramPositions:
             return None
         same = counts >= _enough(len(self.all))
         for own in self.files.values() if not same.any() else ():  # a small module of a large project
-            same |= known.shared(own) >= _enough(len(own))
+            same |= known.shared(own) >= max(2, _enough(len(own)))  # one position may be the same by chance
         number = int(np.flatnonzero(same)[0]) if same.any() else int(np.argmax(counts))
         its = known.positions[known.owner == number]
         where = max(self.files, key=lambda path: np.isin(self.files[path], its).sum())
@@ -145,7 +145,7 @@ class Match(NamedTuple):
         The correction.
     where : Path
         The file, or the program.
-    count : int
+    shared : int
         The number of its positions; 0 if a file is the result as it was written.
     same : bool
         Whether this is enough to refuse the program.
@@ -154,16 +154,16 @@ class Match(NamedTuple):
     number: int
     entry: Entry
     where: Path
-    count: int
+    shared: int
     same: bool
 
     def words(self, which: str, positions: ProgramPositions, known: KnownCorrections, remedy: str = REMEDY) -> str:
         """Return why the program is refused, or what to know of it; `which` names the correction."""
         if self.same:
-            what = f"holds {self.count} positions that were corrected" if self.count else "was corrected already"
+            what = f"holds {self.shared} positions that were corrected" if self.shared else "was corrected already"
             return f"{self.where}: {what}{which}; {remedy}"
         return (
-            f"{self.where}: {self.count} of its {len(positions.all)} positions are results of a correction{which} and "
+            f"{self.where}: {self.shared} of its {len(positions.all)} positions are results of a correction{which} and "
             f"are corrected a second time: {positions.names(known)}; take them from the original"
         )
 
@@ -286,7 +286,8 @@ def recorded_positions(targets: Iterable[Mapping[str, Any]], *, after: bool = Tr
     rows: dict[str, tuple[list[Any], list[Any]]] = {}
     for one in targets:
         at = int("joints" in one)
-        before, changed = ((one["before_mm"], one["after_mm"]), (one.get("joints"), one.get("joints_after")))[at]
+        names = ("joints", "joints_after") if at else ("before_mm", "after_mm")
+        before, changed = (list(one.get(name) or []) for name in names)
         if before != changed and None not in before and None not in changed:
             rest = [0.0] * (MOST_JOINTS - len(changed)) if at else []
             rows.setdefault(str(one["file"]), ([], []))[at].append([*(changed if after else before), *rest])

@@ -37,5 +37,5 @@ def upgrade() -> None:
             ["correction_id"], ["correction.id"], name=op.f("fk_acceptance_correction_id_correction")
         ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_acceptance")),
-        sa.UniqueConstraint("correction_id", "kind", name=op.f("uq_acceptance_correction_id")),
+        sa.UniqueConstraint("correction_id", "kind", name=op.f("uq_acceptance_correction_id_kind")),
     )
