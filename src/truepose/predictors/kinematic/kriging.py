@@ -207,7 +207,11 @@ class KinematicKriging(SearchedKriging):
         self.parameters_ = drift_table(self._form, self._terms, self.hyper_, self._fleet)
 
     def _take(
-        self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None, reference: Mapping[str, Any] | None
+        self,
+        X: FloatArray,
+        e: FloatArray,
+        noise_std: FloatArray | None,
+        reference: Mapping[str, Any] | None = None,
     ) -> None:
         """Set the samples and the terms at the nominal arm, and choose the solver."""
         assert self.robot is not None
