@@ -403,11 +403,13 @@ class KinematicKriging(SearchedKriging):
         return self._left(*self._poses_out())
 
     def _fitted_parameters(self) -> dict[str, Any]:
+        own = Usual.of(self._given[0], self.conditions, self._terms.robot.dof).reference
+        kept = self._terms.usual.reference
         return {
             "hyper": self.hyper_.to_dict(),
             "weight": self._weight.tolist(),
             "joints": self.joints_.tolist(),
             "inflation": self.inflation_,
-            "reference": self._terms.usual.reference if self.conditions else None,
+            "reference": None if kept == own else kept,
             "fleet": None if self._fleet is None else self._fleet.to_dict(),
         }
