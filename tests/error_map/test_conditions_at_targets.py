@@ -300,3 +300,14 @@ def test_a_payload_that_cannot_be_is_refused_everywhere(loaded, run, kg: float, 
     done = run("predict", tmp_path / "map.truepose", tmp_path / "poses.csv", "--payload", str(kg))
     assert done.code in (1, 2)
     assert "0 kg or more" in done.err or "finite number" in done.err
+
+
+def test_a_model_without_compliance_does_not_claim_to_know_payloads(loaded):
+    """Before, it said that it models payload, and had the same error and deviation for 0 and 400 kg."""
+    virtual, error_map = loaded
+    stiff = fit_cell(virtual.cell, error_map.samples, f"{KRIGING}:compliance=no")
+    assert "payload" not in stiff.predictor.conditions
+    assert not stiff.predictor.models("payload")
+    q = targets(virtual)
+    near, far = (np.linalg.norm(stiff.predict(Poses(q=q, load=np.full(N, kg))).std, axis=1) for kg in (LIGHT, 400.0))
+    assert (far > 1.0 + near).all()

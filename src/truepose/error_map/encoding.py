@@ -160,8 +160,14 @@ def _replace_former_names(content: dict[str, Any]) -> None:
 
 
 def _add_later_parameters(predictor: dict[str, Any]) -> None:
-    """Add the parameters of the predictor that came after version 0.2, in place, if the file has none of them."""
+    """Add the parameters of the predictor that came after version 0.2, in place, if the file has none of them.
+
+    A reference of effects is there only since samples were added; earlier files do not name it.
+    """
     later = LATER_PARAMETERS.keys() & inspect.signature(predictor_spec(predictor["name"]).family).parameters.keys()
+    if "reference" in later:
+        predictor["parameters"].setdefault("reference", None)
+        later = later - {"reference"}
     if not later & predictor["parameters"].keys():
         predictor["parameters"] |= {name: LATER_PARAMETERS[name] for name in later}
 

@@ -123,6 +123,7 @@ LATER_PARAMETERS: Final[dict[str, Any]] = {
     "distances": False,
     "fleet": None,
     "gear_harmonics": False,
+    "reference": None,
     "single_variance": False,
 }
 """Parameters that maps of version 0.2 lack, with the values that leave a predictor as it was then."""

@@ -223,8 +223,8 @@ class KinematicKriging(SearchedKriging):
         X: FloatArray,
         e: FloatArray,
         noise_std: FloatArray | None,
-        reference: Mapping[str, Any] | None,
-        centre: FloatArray | None,
+        reference: Mapping[str, Any] | None = None,
+        centre: FloatArray | None = None,
     ) -> None:
         """Set the samples and the terms at the nominal arm, and choose the solver."""
         assert self.robot is not None
@@ -428,12 +428,14 @@ class KinematicKriging(SearchedKriging):
         return self._left(*self._poses_out())
 
     def _fitted_parameters(self) -> dict[str, Any]:
+        own = Usual.of(self._given[0], self.conditions, self._terms.robot.dof).reference
+        kept = self._terms.usual.reference
         return {
             "hyper": self.hyper_.to_dict(),
             "weight": self._weight.tolist(),
             "joints": self.joints_.tolist(),
             "inflation": self.inflation_,
-            "reference": self._terms.usual.reference if self.conditions else None,
+            "reference": None if kept == own else kept,
             "registration": self._centre.tolist(),
             "fleet": None if self._fleet is None else self._fleet.to_dict(),
         }
