@@ -54,9 +54,9 @@ _WRONG_ROW: Final = "the likeliest cause is a wrong row in the D-H table of the 
 
 
 class Off(NamedTuple):
-    """A parameter that is far off: its index, its change, and the standard deviation of that, in its unit."""
+    """A parameter that is far off: its place among all, its change, and the standard deviation of that, in its unit."""
 
-    index: int
+    place: int
     change: float
     std: float
 
@@ -135,8 +135,8 @@ def _log_evidence(precision: FloatArray, told: FloatArray, prior: FloatArray | f
 
 
 def _of_links(found: ParameterEstimates, off: list[Off]) -> Iterator[Fact]:
-    for index, change, std in off:
-        name, kind, unit = found.names[index], found.kinds[index], found.units[index]
+    for place, change, std in off:
+        name, kind, unit = found.names[place], found.kinds[place], found.units[place]
         number = name[len(kind) :]
         if kind == "theta":
             words = f"joint {number}: {_degrees(change, std)} away from its zero ({name}); {_REMASTERED}"
