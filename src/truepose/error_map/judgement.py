@@ -35,8 +35,9 @@ _UNLIKELY: Final = {
 }  # less than a joint's zero, in log odds
 _GAIN: Final = 8.0  # of the log evidence, that names a parameter
 _MOST: Final = 6
-LIMITS: Final = {"rad": float(np.deg2rad(0.3)), "mm": 2.5}
-"""The largest change of a joint's zero or a link's angle, and of a length, that needs no explanation."""
+_ANGLE: Final = float(np.deg2rad(2.0))  # links of good arms turn by 0.7°
+LIMITS: Final = {"theta": float(np.deg2rad(0.3)), "a": 2.5, "d": 2.5, "alpha": _ANGLE, "beta": _ANGLE}
+"""The largest change [rad, mm] of a joint's zero, a length and an angle of a link that needs no explanation."""
 _SURE: Final = 2.0  # standard deviations beyond a limit
 _SHARED: Final = 2.0  # limits, for a parameter that others explain as well: models that leave out an effect shift them
 _SIGMAS: Final = 5.0  # of a wrong sign
@@ -53,9 +54,9 @@ _WRONG_ROW: Final = "the likeliest cause is a wrong row in the D-H table of the 
 
 
 class Off(NamedTuple):
-    """A parameter that is far off: its index, its change, and the standard deviation of that, in its unit."""
+    """A parameter that is far off: its place among all, its change, and the standard deviation of that, in its unit."""
 
-    index: int
+    place: int
     change: float
     std: float
 
@@ -123,7 +124,7 @@ def explained(found: ParameterEstimates) -> tuple[list[Off], tuple[FloatArray, F
         free[np.argmax(freed)] = True
     mean, covariance = (about + best[1]) * scale, best[2] * scale[:, None] * scale
     std = np.sqrt(np.diag(covariance))
-    limit = np.array([LIMITS.get(unit, np.inf) for unit in found.units])
+    limit = np.array([LIMITS.get(kind, np.inf) for kind in found.kinds])
     sure = np.abs(mean) - _SURE * std > limit * np.where(free, 1.0, _SHARED)
     return [Off(int(k), float(mean[k]), float(std[k])) for k in np.flatnonzero(sure & links)], (mean, covariance)
 
@@ -134,8 +135,8 @@ def _log_evidence(precision: FloatArray, told: FloatArray, prior: FloatArray | f
 
 
 def _of_links(found: ParameterEstimates, off: list[Off]) -> Iterator[Fact]:
-    for index, change, std in off:
-        name, kind, unit = found.names[index], found.kinds[index], found.units[index]
+    for place, change, std in off:
+        name, kind, unit = found.names[place], found.kinds[place], found.units[place]
         number = name[len(kind) :]
         if kind == "theta":
             words = f"joint {number}: {_degrees(change, std)} away from its zero ({name}); {_REMASTERED}"

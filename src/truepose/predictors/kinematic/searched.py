@@ -99,12 +99,12 @@ class SearchedKriging(DistantKriging):
                 break
             centre = self._nominal.centre[own] + estimate * self._nominal.prior_std[own]
             self._terms = self._nominal = self._nominal.centred(centre)
-            found = self._search_here()
+            found = self._search_here(None if self.bounds_hit_ else found)  # what a bound holds may be stuck
         return found
 
-    def _search_here(self) -> Start:
+    def _search_here(self, start: Start | None = None) -> Start:
         """Solve with the best hyperparameters, found at the nominal arm, and again where the estimated one is far."""
-        found, searched_at = self._estimate(self._nominal.at(self._x), None), np.zeros_like(self._e)
+        found, searched_at = self._estimate(self._nominal.at(self._x), start), np.zeros_like(self._e)
         for _ in range(_LINEARISATIONS):
             self._solve()
             curvature = self._terms.curvature(self._form.design)
