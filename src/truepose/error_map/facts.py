@@ -41,11 +41,6 @@ CODES: Final = {
         "the predictor has one standard deviation for all poses, so that no guard can act",
         "fit a Kriging or kinematic predictor",
     ),
-    "tool-suspect": Kind(
-        "refuses",
-        "the readings imply another tool than the stated one",
-        "correct [tool] of the cell file and fit again",
-    ),
     "base-turned": Kind("transforms", "the model's base is turned by quarter turns against the controller's base"),
     "moved": Kind("widens", "the tracker, the robot base or the tool moved during the campaign, which was accepted"),
     "drift": Kind("widens", "the readings drift during the campaign, which was accepted or is small"),
@@ -60,6 +55,9 @@ CODES: Final = {
     "arm-not-checked": Kind("told", "no positions of the controller were at hand to check the arm's model"),
     "registration": Kind("told", "what the registration found beside station and tool"),
     "left-out": Kind("told", "readings that contradict the others, or were masked, took no part in the fit"),
+    "tool-suspect": Kind(
+        "told", "the readings imply another tool than the stated one, which errors of the arm may explain"
+    ),
     "not-holding": Kind("told", "new samples contradicted the map when they were added, which was accepted"),
     "new-conditions": Kind(
         "told",

@@ -209,7 +209,8 @@ def _of_tool(cell: Cell, robot: Robot, samples: Samples) -> list[Fact]:
     found = tool_estimate(cell, robot, samples)
     if found is None or not found.suspect:
         return []
-    return [Fact("tool-suspect", found.suspicion, "fit", found.distance_mm, max(found.std_mm), "mm")]
+    words = f"the stated tool is suspect: {found.words}"
+    return [Fact("tool-suspect", words, "fit", found.distance_mm, max(found.std_mm), "mm")]
 
 
 def _excluded(samples: Samples, registration: Registration, choice: Choice) -> list[dict[str, Any]]:
