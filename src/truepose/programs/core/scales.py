@@ -81,12 +81,12 @@ def _frames(targets: ProgramTargets) -> list[_Frame]:
             likes.setdefault(key, like)
             found.setdefault(key, []).append((first + rows, columns.values[rows, :3]))
     frames = []
-    for key, parts in found.items():
-        tf = likes[key].tf_base_frame
+    for kind, parts in found.items():
+        tf = likes[kind].tf_base_frame
         assert tf is not None
         places, p = (np.concatenate(some) for some in zip(*parts, strict=True))
         order = np.argsort(places)
-        frames.append(_Frame(places[order], p[order], likes[key].unit, tf))
+        frames.append(_Frame(places[order], p[order], likes[kind].unit, tf))
     return frames
 
 
@@ -127,7 +127,7 @@ def _too_near(frame: _Frame, name: str, f: float) -> dict[int, str]:
     tree, step = cKDTree(others), max(1, len(others) // _SOME)
     if len(others) < 3:
         return {}
-    spacing = float(np.quantile(tree.query(others[::step], 2)[0][:, 1], 0.9))
+    spacing = float(np.quantile(np.asarray(tree.query(others[::step], 2)[0])[:, 1], 0.9))
     p = frame.p[rows]
     fits = _among(f * p, others) & (np.count_nonzero(p, axis=1) >= 2)
     beside = frame.is_base and bool((others.min(axis=0) > 0.0).any() or (others.max(axis=0) < 0.0).any())
