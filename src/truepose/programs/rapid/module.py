@@ -31,6 +31,7 @@ from truepose.programs.rapid.names import (
 from truepose.programs.rapid.runs import NUMBERS, RapidRuns
 from truepose.programs.rapid.shifted import assign, counter_of, give_points
 from truepose.programs.rapid.syntax import Argument, Token, Value, is_list
+from truepose.programs.rapid.unreadable import is_encoded
 from truepose.programs.rapid.words import (
     DATA,
     DISPLACEMENTS,
@@ -63,6 +64,8 @@ class RapidModule:
 
     def __init__(self, source: Source, task: RapidTask, *, columns: bool = True) -> None:
         self.source, self._task = source, task
+        if is_encoded(source.data):
+            raise FileError(source.path, "is encoded or no text and cannot be read; what it does is not known")
         self._options, self._flow = task.options, task.flow
         self._runs = RapidRuns(source, named=columns)
         self._pieces = list(syntax.pieces(source, self._runs.find))
