@@ -262,6 +262,7 @@ def check(
                 say(f"Wrote {path}")
     if found.unreadable:
         raise unread(found.unreadable)
+    found.check_backups()
 
 
 def _readers(workers: int) -> AbstractContextManager[Executor | None]:
