@@ -158,10 +158,11 @@ def read_programs(
     """Read programs, folders of programs and backups of controllers; one that cannot be read does not stop the others.
 
     A folder or .zip in which a maker's backup is recognised is read controller by controller, with the tools and bases
-    that each stores; programs in the folder that belong to no controller are read as those of any other folder. Of that, all KRL modules are one program, and so are its RAPID modules: one task, or
-    one for each folder TASK1, TASK2 … in it. RAPID modules that are named together are one task, too. Links in a folder
-    are ignored; its CSV files are read only if it holds nothing else, because most tables are no targets. A KRL module
-    that cannot be read is left out of its project, and what it names is not trusted.
+    that each stores; programs in the folder that belong to no controller are read as those of any other folder. In
+    such a one all KRL modules are one program, and so are its RAPID modules: one task, or one for each folder TASK1,
+    TASK2 … in it. RAPID modules that are named together are one task, too. Links in a folder are ignored; its CSV files
+    are read only if it holds nothing else, because most tables are no targets. A KRL or RAPID module that cannot be
+    read is left out, and what it names is not trusted.
 
     Parameters
     ----------
