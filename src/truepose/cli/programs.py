@@ -147,7 +147,10 @@ class Reading:
     ] = False
     controller_kinematics: Annotated[
         bool,
-        typer.Option("--controller-kinematics", help="UR .urp: the map was measured with commands of this controller."),
+        typer.Option(
+            "--controller-kinematics",
+            help="UR .urp, Yaskawa pulses: the map was measured with commands of this controller.",
+        ),
     ] = False
     whole_task: Annotated[
         bool,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +25,7 @@ from tests.programs.joint_arms import Sagging
 
 from truepose.programs import Program, ReadOptions, Target, correct_program, read_programs
 from truepose.programs.backups import yaskawa
-from truepose.robots import load_robot
+from truepose.robots import Robot, load_robot
 
 
 def read(folder: Path, **options: Any) -> dict[str, Program]:
@@ -325,10 +326,26 @@ def test_robots_of_another_kind_have_no_constants(tmp_path: Path) -> None:
     assert found.no_pulses == "the limits of 1-06VXH25-A0*(MH24) in degrees are not known"
 
 
-def test_corrected_pulses_bring_the_tool_where_it_was_told(folder: Path) -> None:
-    program = read(folder, joint_targets=True)["PICK-01"]
+@pytest.mark.promise("Yaskawa pulses mean poses of the lengths that the controller stores, if that is stated.")
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize(("old", "new"), [(b"150000", b"151937"), (b"760000", b"758063"), (b"795000", b"796204")])
+def test_measured_lengths_of_the_controller_are_the_arm(tmp_path: Path, old: bytes, new: bytes) -> None:
+    found = pulses(tmp_path, ALL_PRM=corpus.all_prm().replace(old, new, 1))
+    np.testing.assert_allclose(found.pulses, corpus.PER_DEGREE, rtol=1e-5)
+    home = read(tmp_path, joint_targets=True)["PICK-01"].targets[0]
+    assert (home.verdict, home.joints) == ("skip", None)
+    assert f"{float(new) / 1000:g} mm instead of {float(old) / 1000:g} mm; state that the map was" in home.reason
+    program = read(tmp_path, joint_targets=True, controller_kinematics=True)["PICK-01"]
     robot = load_robot("yaskawa-gp25")
-    arm = Sagging(robot)
+    lengths = {b"150000": ("a", 1), b"760000": ("a", 2), b"795000": ("d", 3)}
+    table, k = lengths[old]
+    values = getattr(robot, table).copy()
+    values[k] = np.copysign(float(new) / 1000, values[k])
+    check_home(program, replace(robot, **{table: values}), Sagging(robot))
+
+
+def check_home(program: Program, robot: Robot, arm: Sagging) -> None:
+    """Check the first position of a job, by an arm of the controller."""
     (data,) = correct_program(program, arm, on_guard="skip").files.values()
     home = re.compile(rb"(?m)^C00000=(-?\d+),(-?\d+),(-?\d+),(-?\d+),(-?\d+),(-?\d+)\r$")
     tools = []
@@ -340,3 +357,8 @@ def test_corrected_pulses_bring_the_tool_where_it_was_told(folder: Path) -> None
     told, commanded = tools
     assert np.linalg.norm(commanded - told) > 0.05
     assert np.linalg.norm(commanded + arm.error(commanded) - told) < 0.03  # a pulse is up to 0.03 mm
+
+
+def test_corrected_pulses_bring_the_tool_where_it_was_told(folder: Path) -> None:
+    robot = load_robot("yaskawa-gp25")
+    check_home(read(folder, joint_targets=True)["PICK-01"], robot, Sagging(robot))

@@ -89,6 +89,8 @@ def for_reader(root: Path, files: Sequence[Path]) -> dict[str, Any]:
         robot=1 if len(robots) > 1 else None,
         pulses=pulses.per_degree,
         no_pulses=pulses.reason,
+        lengths=pulses.lengths,
+        own_lengths=pulses.own,
     )
     return {"controller": survey_jobs(jobs, FrameTable(), known)}
 

@@ -1,11 +1,13 @@
 """The pulses of one degree of each joint of a Yaskawa robot, from the limits that its controller stores.
 
 A limit in pulses, divided by that of the data sheet in degrees, is the constant of an axis. The upper and the lower
-limit must give the same constant, and the lengths of the arm must be those of the robot; otherwise nothing is said.
+limit must give the same constant, and the lengths of the arm must be those of the robot, or near them: controllers
+store the lengths that were measured on their robot. Otherwise nothing is said.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -14,6 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from truepose._typing import FloatArray
+from truepose.programs.core.joint_targets import OwnLengths
 from truepose.programs.core.source import Source
 from truepose.robots import Robot, list_robots, load_robot
 
@@ -25,6 +28,9 @@ _AGREE: Final = 1e-3
 _PLAUSIBLE: Final = (50.0, 20_000.0)
 _UM: Final = 1e-3  # [mm]
 _LENGTH_MM: Final = 0.5
+_CALIBRATED_MM: Final = 5.0
+"""How far a measured length lies from the data sheet at most; that of another robot lies farther away."""
+_PLACES: Final = (("a", 1), ("a", 2), ("a", 3), ("d", 3), ("d", 5))
 
 
 class Pulses(NamedTuple):
@@ -36,10 +42,16 @@ class Pulses(NamedTuple):
         The pulses of one degree; empty where they are not known.
     reason : str
         The reason why they are not known.
+    lengths : OwnLengths, optional
+        The lengths of the arm that the controller stores.
+    own : str
+        How these differ from those of the data sheet, in words; empty where they do not.
     """
 
     per_degree: tuple[float, ...] = ()
     reason: str = ""
+    lengths: OwnLengths | None = None
+    own: str = ""
 
 
 def pulses_of(name: str, parameters: Sequence[Source]) -> Pulses:
@@ -58,8 +70,13 @@ def pulses_of(name: str, parameters: Sequence[Source]) -> Pulses:
         return Pulses(reason=f"the limits of {name or 'the robot'} in degrees are not known")
     robot = load_robot(model)
     sections = [section for source in parameters for section in _sections(source)]
-    if wrong := _other_lengths(robot, [rows for title, rows in sections if title == _LENGTHS]):
-        return Pulses(reason=f"the controller's arm is no {robot.model}: {wrong}")
+    stored = _stored_lengths(robot, [rows for title, rows in sections if title == _LENGTHS])
+    if not stored:
+        return Pulses(reason=f"the controller's arm is no {robot.model}: its lengths (RC1G) are not stored")
+    differ = {one: one.apart for one in stored if one.apart > _LENGTH_MM}
+    shown = ", ".join(f"{one.what} {one.mm:g} mm instead of {one.nominal:g} mm" for one in differ)
+    if any(apart > (_CALIBRATED_MM if one.nominal else 0.0) for one, apart in differ.items()):
+        return Pulses(reason=f"the controller's arm is no {robot.model}: {shown}")
     found = {
         per_degree
         for title, rows in sections
@@ -68,7 +85,10 @@ def pulses_of(name: str, parameters: Sequence[Source]) -> Pulses:
         if (per_degree := _constants(robot, upper, lower))
     }
     if len(found) == 1:
-        return Pulses(found.pop())
+        a, d = ([math.nan] * robot.dof for _ in range(2))
+        for one in stored:
+            (a if one.place[0] == "a" else d)[one.place[1]] = one.mm if one.nominal else math.nan
+        return Pulses(found.pop(), "", OwnLengths(tuple(a), tuple(d)), shown)
     several = "agree with no limits of the data sheet: one was changed" if not found else "allow several constants"
     return Pulses(reason=f"the limits in ALL.PRM {several}")
 
@@ -105,14 +125,28 @@ def _constants(robot: Robot, upper: Sequence[float], lower: Sequence[float]) -> 
     return tuple(((below + above) / 2.0).tolist())
 
 
-def _other_lengths(robot: Robot, sections: Sequence[list[list[float]]]) -> str:
-    """Return a length of the arm that differs from the robot's; empty where all agree."""
+class _Length(NamedTuple):
+    """A length [mm] as the controller stores it, that of the data sheet, and its place among the parameters."""
+
+    what: str
+    mm: float
+    nominal: float
+    place: tuple[str, int]
+
+    @property
+    def apart(self) -> float:
+        """The distance [mm] from the data sheet."""
+        return abs(self.mm - self.nominal)
+
+
+def _stored_lengths(robot: Robot, sections: Sequence[list[list[float]]]) -> list[_Length]:
+    """Return the lengths of the arm; none where they are not stored."""
     if not sections or len(sections[0]) < 2 or len(sections[0][0]) < 9 or len(sections[0][1]) < 3:
-        return "its lengths (RC1G) are not stored"
+        return []
     first, second = sections[0][:2]
     stored = {"S to L": first[1], "upper arm": first[3], "elbow": first[5], "forearm": first[8], "flange": second[2]}
-    lengths = (robot.a[1], robot.a[2], robot.a[3], robot.d[3], robot.d[5])
-    for (what, um), own in zip(stored.items(), lengths, strict=True):
-        if abs(abs(um) * _UM - abs(float(own))) > _LENGTH_MM:
-            return f"{what} {um * _UM:g} mm instead of {abs(float(own)):g} mm"
-    return ""
+    found = []
+    for (what, um), (table, k) in zip(stored.items(), _PLACES, strict=True):
+        nominal = abs(float(getattr(robot, table)[k]))
+        found.append(_Length(what, round(abs(um) * _UM, 6), nominal, (table, k)))
+    return found

@@ -181,7 +181,7 @@ class _Reader(Reader):
     def _follow(self) -> None:
         """Take the instructions and follow all ways through them."""
         spans, instructions = self._sections()
-        self._positions = Positions(self.source, spans, self._known())
+        self._positions = Positions(self.source, spans, self._known(), own_arm=self.options.controller_kinematics)
         codes = [one.code for one in instructions if isinstance(one, Instruction)]
         self._labels = {m[1] for code in codes if (m := words.LABEL.match(code))}
         flow = self.flow
