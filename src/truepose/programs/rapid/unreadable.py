@@ -68,6 +68,8 @@ def left_out(files: Sequence[Path], aside: Mapping[Path, FileError]) -> LeftOut:
             text = Source.read(path).data
         except FileError:
             text = b""
+        if text and not is_encoded(text) and not names_module(text):
+            continue
         if is_encoded(text) or _END.search(text.rstrip(b"\0\x1a \t\r\n")) is None:
             on_disk = "home" in [part.lower() for part in path.relative_to(root).parts[:-1]]
             loaded = any(path.name.lower().encode() in one.lower() for one in kept)
@@ -81,6 +83,11 @@ def left_out(files: Sequence[Path], aside: Mapping[Path, FileError]) -> LeftOut:
 def is_encoded(text: bytes) -> bool:
     """Return whether a module is no text: encoded modules begin with a byte of their own."""
     return text[:1] == bytes([_ENCODED]) or b"\0" in text[: 1 << 16].rstrip(b"\0\x1a")
+
+
+def names_module(text: bytes) -> bool:
+    """Return whether a text may be a module: logs and other data with the endings of modules have no such word."""
+    return re.search(rb"\bMODULE\b", text, re.I) is not None
 
 
 def statements_of(text: bytes) -> list[bytes]:

@@ -26,6 +26,7 @@ from truepose.programs.core.packed import PackedSource
 from truepose.programs.core.points import RELATIVE, RUN_TIME, Frame, Point, Problem
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions, frame_key
 from truepose.programs.core.reader import Reader
+from truepose.programs.core.source import NotAProgramError
 from truepose.programs.urp.installation import Installation, read_installation
 from truepose.programs.urp.markup import Element, parse
 from truepose.programs.urp.numbers import numbers, pose
@@ -70,7 +71,7 @@ def read(
     source = PackedSource.read(path)
     root = parse(source)
     if root.tag != "URProgram":
-        raise source.error(root.line, f"begins with <{root.tag}>, expected <URProgram>")
+        raise NotAProgramError(path, f"begins with <{root.tag}>, expected <URProgram>")
     name = root.get("installation")
     if installations is None:
         known = _beside(path, name)
