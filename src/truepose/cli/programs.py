@@ -136,6 +136,13 @@ class Reading:
             help="Use stored frames that the program sets at run time within this distance and angle: 5mm,0.5deg.",
         ),
     ] = None
+    tool_tolerance: Annotated[
+        str | None,
+        typer.Option(
+            "--tool-tolerance",
+            help="Use stored tools that the program sets at run time within this distance and angle: 1mm,0.2deg.",
+        ),
+    ] = None
     angles: Annotated[
         str,
         typer.Option(
@@ -194,6 +201,7 @@ class Reading:
             offsets=self.offsets,
             derived=self.derived,
             frame_tolerance=None if self.frame_tolerance is None else FrameTolerance.parse(self.frame_tolerance),
+            tool_tolerance=None if self.tool_tolerance is None else FrameTolerance.parse(self.tool_tolerance),
             angles=self.angles,
             orientation=orientation,
             joint_targets=self.joint_targets,
