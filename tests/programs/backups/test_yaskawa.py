@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tests.programs.backups import yaskawa as corpus
 from tests.programs.backups.compare import (
     Own,
@@ -342,6 +343,59 @@ def test_measured_lengths_of_the_controller_are_the_arm(tmp_path: Path, old: byt
     values = getattr(robot, table).copy()
     values[k] = np.copysign(float(new) / 1000, values[k])
     check_home(program, replace(robot, **{table: values}), Sagging(robot))
+
+
+def taught_frames(arm: Robot, numbers: int = 2) -> bytes:
+    """Return user frames whose points were taught with tool 4 of an arm, as a controller computes them."""
+    lines = []
+    rng = np.random.default_rng(7)
+    tool = matrix(corpus.TOOLS[4][1])
+    for number in range(1, numbers + 1):
+        degrees = np.array([20.0, 15.0, -20.0, 10.0, -60.0, 25.0]) + rng.uniform(-30.0, 30.0, (3, 6))
+        pulses = np.round(degrees * corpus.PER_DEGREE)
+        p = (arm.forward(np.deg2rad(pulses / corpus.PER_DEGREE)) @ tool)[:, :3, 3]
+        x = (p[1] - p[0]) / np.linalg.norm(p[1] - p[0])
+        z = np.cross(x, p[2] - p[0])
+        z /= np.linalg.norm(z)
+        angles = Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z])).as_euler("xyz", degrees=True)
+        lines += [
+            f"//UFRAME {number}",
+            "///CRC 1",
+            f"///NAME F{number}",
+            "///TOOL 4",
+            "///GROUP 1,0,0,0,0,0,0,0",
+            "///PULSE",
+        ]
+        for k, (key, row) in enumerate(zip(("RORG", "RXX", "RXY"), pulses, strict=True)):
+            lines.append(f"////{key} C{k:03}=" + ",".join(f"{v:.0f}" for v in row))
+        lines.append(f"////BUSER {corpus.pose([*p[0], *angles])}")
+    return corpus.crlf(lines)
+
+
+@pytest.mark.promise("Where limits differ from the data sheet, the points of user frames give a Yaskawa's pulses.")
+@pytest.mark.parametrize("axes", [1, 2])
+def test_pulses_of_a_degree_from_the_points_of_user_frames(tmp_path: Path, axes: int) -> None:
+    data = changed_limits(corpus.all_prm(), axes)
+    assert data != corpus.all_prm()
+    robot = load_robot("yaskawa-gp25")
+    found = pulses(tmp_path, ALL_PRM=data, UFRAME_CND=taught_frames(robot))
+    np.testing.assert_allclose(found.pulses, corpus.PER_DEGREE, rtol=1e-4)
+    longer = data.replace(b"760000", b"758063", 1)
+    a = robot.a.copy()
+    a[2] = np.copysign(758.063, a[2])
+    found = pulses(tmp_path, ALL_PRM=longer, UFRAME_CND=taught_frames(replace(robot, a=a)))
+    np.testing.assert_allclose(found.pulses, corpus.PER_DEGREE, rtol=1e-4)
+    assert "758.063" in found.own_lengths
+    for frames in (corpus.uframe_cnd(), taught_frames(robot, 1).replace(b"////BUSER ", b"////BUSER 1")):
+        assert pulses(tmp_path, ALL_PRM=data, UFRAME_CND=frames).pulses == ()
+
+
+def changed_limits(data: bytes, count: int) -> bytes:
+    """Return the parameters with upper limits of axes 3 and 5 that are not those of the data sheet."""
+    upper = [round(d * c) for d, c in zip(corpus.LIMITS_DEG[0], corpus.PER_DEGREE, strict=True)]
+    for axis in (2, 4)[:count]:
+        data = data.replace(b"%d," % upper[axis], b"%d," % round(1.2 * upper[axis]), 1)
+    return data
 
 
 def check_home(program: Program, robot: Robot, arm: Sagging) -> None:
