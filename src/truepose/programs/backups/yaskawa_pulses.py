@@ -184,7 +184,7 @@ def _from_frames(
             return _misses(robot, constants, taught)
 
         fit = least_squares(misses, np.ones(len(open_)), x_scale=1e-3, bounds=_FACTORS)
-        weakest = float(np.linalg.svd(fit.jac, compute_uv=False).min())
+        weakest = float(np.linalg.svd(np.asarray(fit.jac, float), compute_uv=False).min())
         if abs(fit.fun).max() <= _MISS_MM and _CERTAIN * weakest >= _MISS_MM:
             constants = known.copy()
             constants[open_] = np.array(first) * fit.x

@@ -73,8 +73,11 @@ def left_out(files: Sequence[Path], aside: Mapping[Path, FileError]) -> LeftOut:
         if is_encoded(text) or _END.search(text.rstrip(b"\0\x1a \t\r\n")) is None:
             on_disk = "home" in [part.lower() for part in path.relative_to(root).parts[:-1]]
             loaded = any(path.name.lower().encode() in one.lower() for one in kept)
-            which = "spare" if on_disk and not loaded else "unknown"
-            found = found._replace(**{which: getattr(found, which) or f"{path.name} is encoded or truncated"})
+            what = f"{path.name} is encoded or truncated"
+            if on_disk and not loaded:
+                found = found._replace(spare=found.spare or what)
+            else:
+                found = found._replace(unknown=found.unknown or what)
         elif statements_of(read_bytes(path)) not in statements:
             found.sources.append(Source.read(path))
     return found

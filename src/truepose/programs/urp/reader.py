@@ -73,6 +73,7 @@ def read(
     if root.tag != "URProgram":
         raise NotAProgramError(path, f"begins with <{root.tag}>, expected <URProgram>")
     name = root.get("installation")
+    known: Sequence[Installation]
     if installations is None:
         known = _beside(path, name)
     else:
