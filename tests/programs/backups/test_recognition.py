@@ -147,7 +147,8 @@ def test_zeros_without_a_name_are_asked_for(tmp_path: Path) -> None:
     (reason,) = stored("tool 1 0 0 150 probe\nbase 2 0 0 0 -\n", tmp_path).values()
     assert reason == (
         "base BASE_DATA[2] is stored as zeros and without a name (Frames.TXT, line 2), as controllers store what is "
-        "not set; if it is meant, give it in [frames.bases.2] of the cell file"
+        "not set; if it is meant, give it in [frames.bases.2] of the cell file (two lines: [frames.bases.2] and "
+        "x_mm = 0.0)"
     )
     assert stored("tool 1 0 0 150 probe\nbase 2 0 0 0 -\n", tmp_path, FrameTable(bases={2: np.eye(4)})) == {"LIN:4": ""}
     assert stored("tool 1 0 0 150 probe\nbase 2 0 0 0 world\n", tmp_path) == {"LIN:4": ""}

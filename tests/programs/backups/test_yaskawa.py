@@ -373,6 +373,7 @@ def taught_frames(arm: Robot, numbers: int = 2) -> bytes:
 
 
 @pytest.mark.promise("Where limits differ from the data sheet, the points of user frames give a Yaskawa's pulses.")
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("axes", [1, 2])
 def test_pulses_of_a_degree_from_the_points_of_user_frames(tmp_path: Path, axes: int) -> None:
     data = changed_limits(corpus.all_prm(), axes)
