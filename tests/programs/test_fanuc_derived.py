@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from tests.programs.corpus_fanuc import lp, ls
 
+from truepose.geometry import euler, make_transform
 from truepose.programs import FrameTable, Program, ReadOptions
 from truepose.programs.core.program import FrameTolerance
 from truepose.programs.core.target import Target
@@ -278,6 +280,67 @@ def test_a_call_that_leaves_frames_alone_leaves_them_certain(tmp_path: Path) -> 
     for other, verdict in (("  RO[1]=ON", "correct"), (IN_FORCE, "refuse"), ("  UFRAME_NUM[GP2]=5", "correct")):
         known = with_programs({"X": other}, code)
         assert target(judged(tmp_path, code, registers=known), "P[1]").verdict == verdict, other
+
+
+TOOL_1 = (12.5, 0.0, -186.25, 0.0, 90.0, -180.0)
+COMPONENTS = "\n".join(f"  PR[50,{k}:x]={value:g}" for k, value in enumerate(TOOL_1, 1))
+BEFORE = COMPONENTS.replace("=", "=(").replace("\n", ")\n") + ")"
+
+
+@pytest.mark.promise("FANUC tools that a set-up program sets to constants are known where these are the stored values.")
+@pytest.mark.parametrize(
+    ("code", "verdict"),
+    [
+        (f"{COMPONENTS}\n  UTOOL[1]=PR[50]", "correct"),
+        (f"{BEFORE}\n  UTOOL[1]=PR[50:scratch]", "correct"),
+        (f"  PR[50]=PR[50]-PR[50]\n{COMPONENTS}\n  UTOOL[1]=PR[50]\n  PR[50,1]=3\n  UTOOL[9]=PR[50]", "correct"),
+        (f"{COMPONENTS}\n  !a remark\n  UTOOL[1]=PR[50]", "correct"),
+        (f"{COMPONENTS}\n  UTOOL[1]=PR[50]\n  PR[50,1]=3\n  UTOOL[1]=PR[50]", "refuse"),
+        (f"{COMPONENTS.replace('12.5', '12.6')}\n  UTOOL[1]=PR[50]", "refuse"),
+        (f"{COMPONENTS}\n  PR[50,1]=R[1]\n  UTOOL[1]=PR[50]", "refuse"),
+        (f"{COMPONENTS}\n  PR[R[1],1]=3\n  UTOOL[1]=PR[50]", "refuse"),
+        (f"{COMPONENTS}\n  PR[50]=LPOS\n  UTOOL[1]=PR[50]", "refuse"),
+        (f"{COMPONENTS}\n  IF R[1]=1,PR[50,1]=3\n  UTOOL[1]=PR[50]", "refuse"),
+        (f"{COMPONENTS}\n  LBL[1]\n  UTOOL[1]=PR[50]", "refuse"),
+        (f"{COMPONENTS}\n  OPEN GRIPPER\n  UTOOL[1]=PR[50]", "refuse"),
+        (f"{COMPONENTS}\n  CALL OTHER\n  UTOOL[1]=PR[50]", "refuse"),
+        (f"{COMPONENTS}\n  UTOOL[R[1]]=PR[50]", "refuse"),
+        ("\n".join([*COMPONENTS.split("\n")[:5], "  UTOOL[1]=PR[50]"]), "refuse"),
+    ],
+)
+def test_tools_that_a_program_sets_to_constants(tmp_path: Path, code: str, verdict: str) -> None:
+    tf = make_transform(euler("fanuc", list(TOOL_1[3:])), list(TOOL_1[:3]))
+    frames = replace(FRAMES, tools={**FRAMES.tools, 1: tf})
+    path = tmp_path / "a.ls"
+    path.write_bytes(text(f"{IN_FORCE}L P[1] 9mm/sec FINE").encode())
+    known = with_programs({"TOOLDATA": code}, "L P[1] 9mm/sec FINE")
+    found = target(read(path, frames, ReadOptions(), registers=known), "P[1]")
+    assert found.verdict == verdict, found.reason
+    assert (verdict == "correct") or "UTOOL[1] is changed by the program (TOOLDATA.LS" in found.reason
+    (tmp_path / "TOOLDATA.LS").write_bytes(text(code, name="TOOLDATA").encode())
+    assert target(read(path, frames, ReadOptions()), "P[1]").verdict == verdict  # without a backup
+    own = text(f"{code}\n{IN_FORCE}L P[1] 9mm/sec FINE")
+    (tmp_path / "TOOLDATA.LS").unlink()
+    path.write_bytes(own.encode())
+    assert target(read(path, frames, ReadOptions()), "P[1]").verdict == verdict
+
+
+@pytest.mark.promise("A position register that programs set to its stored constants is that of POSREG.VA.")
+@pytest.mark.parametrize(
+    ("code", "verdict"),
+    [
+        ("  PR[40,3]=80", "correct"),
+        ("  PR[40,3:up]=(80)\n  PR[40,1]=0", "correct"),
+        ("  PR[40,3]=81", "refuse"),
+        ("  PR[40,3]=80\n  PR[40]=LPOS", "refuse"),
+        ("  PR[40,3]=80\n  PR[R[1],1]=0", "refuse"),
+        ("  PR[40]=PR[40]-PR[40]\n  PR[40,3]=80", "refuse"),
+    ],
+)
+def test_registers_that_a_program_sets_to_stored_constants(tmp_path: Path, code: str, verdict: str) -> None:
+    own = "L P[1] 9mm/sec FINE\nL P[1] 9mm/sec FINE Offset,PR[40]"
+    known = with_programs({"SETUP": code}, own, PR40=(0.0, 0.0, 80.0, 0.0, 0.0, 0.0))
+    assert target(judged(tmp_path, own, registers=known), "P[1]").verdict == verdict
 
 
 def test_frames_that_another_program_sets(tmp_path: Path) -> None:

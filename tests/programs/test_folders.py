@@ -110,8 +110,8 @@ def test_what_the_project_does_not_hold_is_not_known(tmp_path: Path) -> None:
     ("more", "message"),
     [
         (
-            {"press/old/main.src": "DEF main()\nEND\n"},
-            r"is another module of this name; give the folder",
+            {"press/Program/a/t.src": "DEF t()\nEND\n", "press/Program/b/t.src": "DEF t( )\nEND\n"},
+            r"is another module of this name; keep the one that the controller loads",
         ),
         (
             {"press/p2.dat": f"DEFDAT P2\nDECL GLOBAL POS XG={POSE}\nENDDAT\n"},

@@ -145,3 +145,55 @@ def test_tolerances() -> None:
     assert FrameTolerance.parse("0.5mm, 0.25°") == FrameTolerance(0.5, 0.25)
     with pytest.raises(DataError):
         ReadOptions(frame_tolerance=FrameTolerance(-1.0))
+
+
+TOOL_MEASURED = f"TOOL_DATA[1].Z = TOOL_DATA[1].Z + worn\n{SET}LIN {POSE}\nLIN {POSE.replace('812.5', '800')}\n"
+
+
+class Tools(Field):
+    """Corrects by `gradient` times the place of the flange."""
+
+    def correct(self, poses: np.ndarray, *, tf_flange_tool: np.ndarray, **_: Any) -> Any:
+        flange = (poses @ np.linalg.inv(tf_flange_tool))[:, :3, 3]
+        p, n = poses[:, :3, 3], len(poses)
+        self.asked.append(flange)
+        shift = flange @ self.gradient.T + [0.5, 0.0, 0.0]
+        std = np.full((n, 3), 2.0)
+        return SimpleNamespace(
+            p_target=p, p_command=p + shift, e=-shift, std=std, verdict=np.full(n, "correct"), reason=[""] * n
+        )
+
+
+@pytest.mark.promise(
+    "With a tolerance for tools the stored tool counts, and the map is asked with tools all around it."
+)
+def test_a_tool_that_the_program_sets(read: Any) -> None:
+    words = "TOOL_DATA[1] is changed by the program (line 2); --tool-tolerance corrects with the stored tool"
+    assert {t.reason for t in read(TOOL_MEASURED).targets} == {words}
+    assert {t.reason for t in read(TOOL_MEASURED, frame_tolerance=TOLERANCE).targets} == {words}
+    program = read(TOOL_MEASURED, tool_tolerance=FrameTolerance(2.0, 0.5))
+    assert {t.verdict for t in program.targets} == {"correct"}
+    field = Tools(np.diag([1e-3, 0.0, 0.0]))
+    corrected = correct_program(program, field)
+    around = field.asked[1].reshape(2, 64, 3) - field.asked[0][:, None]
+    assert np.linalg.norm(around, axis=2).min() > 1.0
+    rows = corrected.to_dict()["targets"]
+    largest = 1e-3 * np.abs(around[..., 0]).max(axis=1)
+    assert [row["difference_mm"] for row in rows] == pytest.approx(largest.tolist(), abs=1e-6)
+    assert all("stored tool: TOOL_DATA[1] is changed by the program (line 2)" in row["note"] for row in rows)
+    with pytest.raises(RefusedError, match=r"tool at the border of the tolerance .*differs by .* limit 0\.2 mm"):
+        correct_program(program, Tools(np.diag([0.2, 0.0, 0.0])))
+
+
+@pytest.mark.parametrize("code", [f"TOOL_DATA[1]={POSE}\n", "TOOL_DATA[1]=TOOL_DATA[2]\n"])
+def test_a_constant_tool_beyond_the_tolerance(code: str, read: Any) -> None:
+    (target,) = read(f"{code}{SET}LIN {POSE}\n", tool_tolerance=FrameTolerance(1.0)).targets
+    assert target.verdict == "refuse"
+    assert "beyond the tolerance around the stored tool" in target.reason
+
+
+def test_a_tool_and_a_frame_are_not_both_within_a_tolerance(read: Any) -> None:
+    code = f"TOOL_DATA[1].Z = TOOL_DATA[1].Z + worn\n{MEASURED}"
+    program = read(code, tool_tolerance=TOLERANCE, frame_tolerance=TOLERANCE)
+    assert {t.verdict for t in program.targets} == {"refuse"}
+    assert "only one of both may be known within a tolerance" in program.targets[0].reason

@@ -106,3 +106,76 @@ def test_a_project_without_a_module_that_can_be_read_is_an_error(tmp_path: Path)
     (error,) = read_programs([tmp_path]).unreadable
     assert isinstance(error, FileError)
     assert "1.2.3 is not a number" in str(error)
+
+
+COPIED = {
+    "Program/s.src": f"DEF s()\n{SET}LIN XP1\nEND\n",
+    "Program/s.dat": f"DEFDAT s\nDECL E6POS XP1={POSE}\nENDDAT\n",
+    "Program/points.dat": f"DEFDAT POINTS PUBLIC\nDECL GLOBAL E6POS XG={POSE}\nENDDAT\n",
+    "Program/own.src": f"DEF own()\n{SET}LIN XG\nEND\n",
+}
+
+
+def read_copied(folder: Path, **more: str | bytes) -> tuple[Any, dict[str, str]]:
+    for name, text in {**COPIED, **more}.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(text if isinstance(text, bytes) else text.encode())
+    found = read_programs([folder], FrameTable(tools={1: np.eye(4)}, bases={1: np.eye(4)}), ReadOptions())
+    return found, {t.name: t.reason for one in found.programs for t in one.targets if t.verdict != "correct"}
+
+
+@pytest.mark.promise("Of several KRL modules of one name, the one of the program folder or the outer one is read.")
+@pytest.mark.parametrize("folder", ["Extras/Bkp", "Program/Old/2019", "Spare"])
+def test_copies_are_named_and_left(tmp_path: Path, folder: str) -> None:
+    """What a copy names and does not declare itself is not trusted, unless it states the same as the module."""
+    copies = {f"{folder}/{name}": COPIED[f"Program/{name}"] for name in ("s.src", "s.dat")}
+    found, left = read_copied(tmp_path, **copies)
+    assert (found.unreadable, left) == ([], {})
+    assert sorted("is a copy of module S" in text for text in found.left_out) == [True, True]
+    copies[f"{folder}/s.dat"] = copies[f"{folder}/s.dat"].replace("X 1", "X 2")
+    copies[f"{folder}/s.src"] = f"DEF s()\n{SET}LIN XP1\nLIN XG\nEND\n"
+    found, left = read_copied(tmp_path, **copies)
+    assert found.unreadable == []
+    assert left.keys() == {"XG"}
+    assert "named by S, which cannot be read" in left["XG"]
+
+
+def test_of_two_that_differ_none_is_read(tmp_path: Path) -> None:
+    found, left = read_copied(
+        tmp_path, **{"Program/A/t.src": f"DEF t()\n{SET}LIN XG\nEND\n", "Program/B/T.src": "DEF t()\nEND\n"}
+    )
+    assert "is another module of this name; keep the one that the controller loads" in str(found.unreadable[0])
+    assert left.keys() == {"XG"}
+
+
+@pytest.mark.parametrize(
+    ("text", "refused"),
+    [
+        ("DEF t()\nEND\nGLOBAL DEF s()\nEND\n", {"XP1"}),
+        ("GLOBAL DEF t()\nEND\nGLOBAL DEFFCT INT own(x:IN)\nINT x\nRETURN x\nENDFCT\n", {"XG"}),
+    ],
+)
+def test_modules_that_define_one_routine_do_not_stop_the_others(tmp_path: Path, text: str, refused: set[str]) -> None:
+    found, left = read_copied(tmp_path, **{"Program/t.src": text})
+    assert len(found.unreadable) == 1
+    assert "is defined twice" in str(found.unreadable[0])
+    read = {t.name for one in found.programs for t in one.targets if t.verdict == "correct"}
+    assert read == {"XP1", "XG"} - refused
+    assert left.keys() <= refused
+
+
+@pytest.mark.parametrize("blank", ["\u00a0".encode(), "\u3000".encode(), b"\xa0", b"\xef\xbb\xbf"])
+def test_a_blank_of_unicode_swallows_nothing(tmp_path: Path, blank: bytes) -> None:
+    dat = b"DEFDAT s\r\n" + blank + f"DECL E6POS XP1={POSE}\r\n".encode() + b" " + blank
+    dat += f" DECL E6POS XP2={POSE}\r\nENDDAT\r\n".encode()
+    src = f"DEF s()\r\n{SET}".encode() + blank + b"\r\n" + blank + b"LIN XP1\r\nLIN XP2\r\nEND\r\n"
+    found, left = read_copied(tmp_path, **{"Program/s.dat": dat, "Program/s.src": src})
+    assert (found.unreadable, left) == ([], {})
+    assert len(found.programs[0].targets) == 3
+
+
+def test_a_function_whose_end_is_commented_out_is_named(tmp_path: Path) -> None:
+    text = f"DEF Station1()\n{SET}LIN {POSE}\nEND\nGLOBAL DEFFCT INT f(x:IN)\nINT x\nRETURN x\n;ENDFCT\n"
+    found, left = read_copied(tmp_path, **{"Program/Station1.src": text})
+    assert [Path(error.path).name for error in found.unreadable] == ["Station1.src"]
+    assert left == {}

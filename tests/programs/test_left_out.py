@@ -24,6 +24,13 @@ ENDINGS = [ending for name, one in LANGUAGES.items() for ending in one.endings i
 BLANK = (b"", b"\r\n", b"\xef\xbb\xbf", b" \n\t\n")
 EMPTY_DATA = "<Database><Datas/></Database>"
 NO_PROGRAMS = {
+    "alarm.jbi": "Alarm history\r\n1, 2\r\n",
+    "modem.mod": "modem log\n12:00 started\n",
+    "trace.sys": "system log (\n",
+    "manual.prg": "%PDF-1.4 x",
+    "run.nc": "log of a run\n12:00 started\n",
+    "picture.tap": "\0\1\2",
+    "cap.urp": "<URCap/>",
     "errall.ls": 'ERRALL.LS     Robot Name ROBOT 01-JAN-24 10:00:00\n\n1" 01-JAN-24 SYST-026 System normal power up\n',
     "include.script": "global speed=0.25\nglobal home=[0,-1.57,0,-1.57,0,0]\n",
     "a.dtx": f'<?xml version="1.0" encoding="utf-8"?>\n{EMPTY_DATA}\n',

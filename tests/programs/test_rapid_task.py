@@ -119,7 +119,7 @@ def test_tasks_of_a_backup_are_several(tmp_path: Path) -> None:
         (module("B", POINT), r"p1 is declared twice, first in a\.mod, line 2; keep one or give the files of one task"),
         (
             module("B", POINT.replace("p1", "p2").replace("[[", "[[1.2.3", 1)),
-            r"1\.2\.3.*; all 2 modules of the task are refused",
+            r"b\.mod:2: p2: '1\.2\.3.*' is not a number",
         ),
         (module("B", "", "", routine="main"), r"MAIN is defined twice, first in a\.mod, line 3; give the files of one"),
     ],

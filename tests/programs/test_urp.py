@@ -173,6 +173,84 @@ def test_a_waypoint_that_several_moves_share(tmp_path: Path) -> None:
     assert found.counts()["correct"] == 3
 
 
+@pytest.mark.promise(
+    "What is suppressed or was removed in a .urp is not executed: it moves nothing and changes nothing."
+)
+@pytest.mark.parametrize("tag", ["suppressedNode", "SuppressedNode", "removedSiblings"])
+def test_what_is_not_executed(tmp_path: Path, tag: str) -> None:
+    changes = "<Script>set_tcp(p[0,0,0,0,0,0])</Script><Script>force_mode(a,b)</Script><Script>x=Waypoint_1_p</Script>"
+    inside = f"<Folder><{tag}>{changes}{move([Waypoint('W', Q[0], TCP)])}</{tag}></Folder>"
+    again = f'<Waypoint reference="../../../Folder/{tag}/Move/children/Waypoint"/>'
+    found = read_program(lay(tmp_path, [move(points()), inside]), None, ReadOptions(joint_targets=True))
+    assert {t.name: (t.verdict, len(t.motions)) for t in found.targets if t.motions} == {
+        f"Waypoint_{k}": ("correct", 1) for k in (1, 2, 3)
+    }
+    assert [t.verdict for t in found.targets if not t.motions] in (["skip"], [])
+    found = read_program(lay(tmp_path, [inside, move([again])]), None, ReadOptions(joint_targets=True))
+    assert [(t.name, t.verdict, t.motions) for t in found.targets] == [("W", "correct", ("MoveL",))]
+
+
+CALL = (
+    """<CallSubProgram><subprogram name="sub" keepHidden="true"><children>{}</children></subprogram></CallSubProgram>"""
+)
+AGAIN = '<CallSubProgram><subprogram reference="{}"/></CallSubProgram>'
+
+
+@pytest.mark.promise("The tree of a subprogram in a .urp is executed where it is called, and judged by all its calls.")
+@pytest.mark.parametrize(
+    ("more", "expected"),
+    [
+        ("", ("correct", "")),
+        (AGAIN.format("../../CallSubProgram/subprogram"), ("correct", "")),
+        (f"<Loop><children>{AGAIN.format('../../../../CallSubProgram/subprogram')}</children></Loop>", ("correct", "")),
+        (f"<Force>{AGAIN.format('../../Elsewhere/subprogram')}</Force>", ("refuse", "inside <Force>")),
+        (f"<Force>{AGAIN.format('../../../CallSubProgram/subprogram')}</Force>", ("refuse", "inside <Force>")),
+        (
+            f"<suppressedNode><Force>{AGAIN.format('../../../../CallSubProgram/subprogram')}</Force></suppressedNode>",
+            ("correct", ""),
+        ),
+    ],
+)
+def test_subprograms(tmp_path: Path, more: str, expected: tuple[str, str]) -> None:
+    nodes = [CALL.format(move([Waypoint("W", Q[0], TCP)])), more]
+    text = program(nodes).replace(
+        "</MainProgram>", '</MainProgram><SubProgram reference="../MainProgram/children/CallSubProgram/subprogram"/>'
+    )
+    path = tmp_path / "cell.urp"
+    path.write_bytes(packed(text))
+    (target,) = read_program(path, None, ReadOptions(joint_targets=True)).targets
+    assert target.verdict == expected[0]
+    assert expected[1] in target.reason
+    assert target.motions == (("MoveL",) if target.verdict == "correct" else ("Waypoint",))
+
+
+def test_a_subprogram_that_is_defined_apart(tmp_path: Path) -> None:
+    tree = f'<SubProgram name="s"><children>{move([Waypoint("W", Q[0], TCP)])}</children></SubProgram>'
+    call = AGAIN.format("../../../../SubProgram")
+    for node, verdict in ((call, "correct"), (f"<Force>{call.replace('../', '../../', 1)}</Force>", "refuse")):
+        path = tmp_path / "cell.urp"
+        path.write_bytes(packed(program([node]).replace("</MainProgram>", f"</MainProgram>{tree}")))
+        (target,) = read_program(path, None, ReadOptions(joint_targets=True)).targets
+        assert target.verdict == verdict, target.reason
+
+
+@pytest.mark.promise("A .urp that is not packed, as PolyScope 1.8 to 3.1 writes it, is read and written as text.")
+@pytest.mark.parametrize("head", [b"", b'<?xml version="1.0" encoding="UTF-8"?>\n', b"\xef\xbb\xbf"])
+def test_programs_of_older_controllers(tmp_path: Path, head: bytes) -> None:
+    """They have no arm model in waypoints, and waypoints directly in the program, which has the settings of a Move."""
+    plain = re.sub(r"\s*<Kinematics.*?</Kinematics>", "", Waypoint("W2", Q[1], TCP).xml(), flags=re.S)
+    text = program([move([Waypoint("W1", Q[0], TCP)]), plain]).replace("5.11.1", "1.8.16941")
+    text = text.replace("<MainProgram ", '<MainProgram motionType="MoveJ" speed="1.05" useActiveTCP="false" ')
+    path = tmp_path / "old.urp"
+    path.write_bytes(head + text.replace("\n", "\r\n").encode())
+    corrected = correct(path)
+    assert [t.motions for t in corrected.program.targets] == [("MoveL",), ("MoveJ",)]
+    assert corrected.coverage.corrected == 2
+    written = corrected.files[path]
+    assert written.startswith(head + b"<URProgram")
+    assert ANGLES.sub(b"", written) == ANGLES.sub(b"", path.read_bytes())
+
+
 def test_features_and_tcps_of_the_installation(tmp_path: Path) -> None:
     taught = points(feature=PLANE)
     shared = '<feature class="GeomFeatureReference" reference="../../Move/feature"/>'

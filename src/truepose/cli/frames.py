@@ -61,5 +61,6 @@ def _show(rows: Sequence[UsedFrame], where: str) -> None:
         say(f"{len(rows) - len(shown)} more are not used and have no name (--json lists all)")
     for one in shown:
         if one.targets and one.state == "unusable":
-            say(f"{one.which} {one.key}: {one.reason}")
+            why = one.reason or "not determined: its targets are not corrected for reasons of their own"
+            say(f"{one.which} {one.key}: {why}")
     show_missing(rows)

@@ -142,6 +142,13 @@ class Reading:
             help="Use stored frames that the program sets at run time within this distance and angle: 5mm,0.5deg.",
         ),
     ] = None
+    tool_tolerance: Annotated[
+        str | None,
+        typer.Option(
+            "--tool-tolerance",
+            help="Use stored tools that the program sets at run time within this distance and angle: 1mm,0.2deg.",
+        ),
+    ] = None
     angles: Annotated[
         str,
         typer.Option(
@@ -153,7 +160,10 @@ class Reading:
     ] = False
     controller_kinematics: Annotated[
         bool,
-        typer.Option("--controller-kinematics", help="UR .urp: the map was measured with commands of this controller."),
+        typer.Option(
+            "--controller-kinematics",
+            help="UR .urp, Yaskawa pulses: the map was measured with commands of this controller.",
+        ),
     ] = False
     whole_task: Annotated[
         bool,
@@ -197,6 +207,7 @@ class Reading:
             offsets=self.offsets,
             derived=self.derived,
             frame_tolerance=None if self.frame_tolerance is None else FrameTolerance.parse(self.frame_tolerance),
+            tool_tolerance=None if self.tool_tolerance is None else FrameTolerance.parse(self.tool_tolerance),
             angles=self.angles,
             orientation=orientation,
             joint_targets=self.joint_targets,
@@ -268,6 +279,7 @@ def check(
                 say(f"Wrote {path}")
     if found.unreadable:
         raise unread(found.unreadable)
+    found.check_backups()
 
 
 def _checked(program: Program) -> dict[str, Any]:

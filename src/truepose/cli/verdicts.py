@@ -131,9 +131,12 @@ def show_missing(rows: Sequence[UsedFrame]) -> None:
 
     if not (lines := missing_lines(rows)):
         return
-    n = sum(one.targets > 0 and one.state in ("unknown", "zero") for one in rows)
+    states = [one.state for one in rows if one.targets]
+    n, zeros = sum(state in ("unknown", "zero") for state in states), states.count("zero")
     what = "1 tool or base is" if n == 1 else f"{n} tools and bases are"
     say(f"{what} not known. Give the cell file (--cell) these lines, with the values that the controller shows:")
+    if zeros:
+        say(f"{zeros} of them: stored as zeros and without a name; give the two lines only if zero is meant")
     typer.echo("\n".join(["", *lines, ""]))
 
 

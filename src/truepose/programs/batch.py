@@ -24,7 +24,6 @@ from truepose.programs.parallel import correct_in_tasks
 from truepose.programs.reading import Reading, read_chosen
 from truepose.programs.record import records_read_once
 
-_SHOWN: Final = 3  # warnings that a message repeats
 _WORTH_PROCESSES: Final = 40_000
 """Targets from which processes save more time than their start takes, about 2 s."""
 
@@ -232,10 +231,7 @@ def read_for(
         return wanted
 
     found = read_chosen(paths, frames, options, choose, executor)
-    for backup in found.backups:
-        if not (found.unreadable or any(one.root == backup.path for one in found.programs)):
-            told = [text for one in backup.controllers for text in one.contents.warnings]
-            raise RefusedError("; ".join([f"{backup.path}: has no program that can be read", *told[:_SHOWN]]))
+    found.check_backups()
     return found
 
 

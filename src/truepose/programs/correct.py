@@ -398,12 +398,13 @@ def _shared(
     The other positions are derived ones, and those within the tolerance of a frame; see
     `truepose.programs.core.alternatives`.
     """
-    tolerance = program.options.frame_tolerance if program.options else None
+    options = program.options or ReadOptions()
+    within = options.frame_tolerance, options.tool_tolerance
     most_mm, most_mrad = (limits.values[f"max_difference_{unit}"] for unit in ("mm", "mrad"))
     if "limits" in more:  # a correction that is too small to be applied counts with its size
         more = {**more, "limits": replace(limits, values={**limits.values, "min_correction_stds": 0.0})}
     found: dict[int, _Shared] = {}
-    for others in alternatives(columns, np.flatnonzero(np.isin(asked[3], (1, 2))), tolerance):
+    for others in alternatives(columns, np.flatnonzero(np.isin(asked[3], (1, 2))), *within):
         near = {"near": more["near"][others.owner]} if "near" in more else {}
         at = columns.take(others.owner)
         if "before" in more:  # derived positions are reached in the same way, from where the line is moved to as well
@@ -436,6 +437,8 @@ def _assumes(target: Target, difference: float) -> str:
         n, first = sum(len(one.shifts) for one in target.derived), target.derived[0].how
         others = f" and {n - 1} more" if n > 1 else ""
         texts.append(f"shared with the position derived from it, {first}{others}")
+    if target.tool_changed:
+        texts.append(f"corrected with the stored tool: {target.tool_changed}")
     if target.frame_changed:
         texts.append(f"corrected in the stored frame: {target.frame_changed}")
     return f"{'; '.join(texts)}; corrections differ by up to {difference:.3f} mm"
@@ -458,6 +461,8 @@ def _ask(
     if others is not None:
         poses, tf_base_frame = others.poses, others.tf_base_frame
     tools = columns.tf_flange_tool(known.tf_flange_tool)
+    if others is not None:
+        tools = tools @ others.tool
     answer = error_map.correct(
         poses,
         tf_flange_tool=tools,

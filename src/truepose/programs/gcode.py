@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from truepose.errors import FileError
 from truepose.programs.core.held import leave_held
 from truepose.programs.core.points import AS_MEASURED, NOT_HERE, Frame, Point, Problem, Use
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions, frame_key
@@ -79,6 +80,10 @@ class _Return:
     state: dict[str, Any]
 
 
+_ANY_WORD: Final = re.compile(rb"(?mi)^[ \t/]*+(?:N\d++[ \t]*+)?+[GM]\d")
+"""A line that begins with a preparatory or miscellaneous function, as at least one of each program does."""
+
+
 class _Reader(Reader):
     def __init__(self, source: Source, frames: KnownFrames, options: ReadOptions) -> None:
         super().__init__(source, frames, options)
@@ -94,11 +99,17 @@ class _Reader(Reader):
         self._returns: list[_Return] = []
 
     def read(self) -> Program:
-        for line, start, end in self.source.lines():
-            self._line(line, start, end)
+        none = NotAProgramError(self.source.path, "has no word such as G1 or M30: it is no G-code")
+        try:
+            for line, start, end in self.source.lines():
+                self._line(line, start, end)
+        except FileError:
+            if not _ANY_WORD.search(self.source.data):
+                raise none from None
+            raise
         self._follow_returns()
         if not self._words:
-            raise NotAProgramError(self.source.path, "has no word such as G1 or M30: it is no G-code")
+            raise none
         if self.options.orientation:
             leave_held(self.points)
         for point in self.points:

@@ -15,7 +15,7 @@ from typing import Any, Final
 from truepose._io.files import check_regular, note_read, path_exists, reads_noted, recover
 from truepose._io.folders import files_within
 from truepose._io.zips import is_zip, nested_within, on_disk
-from truepose.errors import FileError, TrueposeError
+from truepose.errors import FileError, RefusedError, TrueposeError
 from truepose.numerics.executor import AHEAD, Executor, Inputs, Task, run_in_order
 from truepose.programs.backups.backup import Backup, Controller, find_backup
 from truepose.programs.backups.reading import TASK, chosen, read_controllers, read_rapid_tasks
@@ -30,6 +30,7 @@ _REFUSED: Final = {
     ".tp": "is a compiled FANUC program; export it as .ls and correct that",
 }
 
+_SHOWN: Final = 3  # warnings that a message repeats
 _TOGETHER: Final = 16
 """The largest number of files that one task reads."""
 
@@ -55,6 +56,19 @@ class Reading:
     unreadable: list[FileError]
     backups: list[Backup] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
+
+    def check_backups(self) -> None:
+        """Require that each backup has a program that can be read, where no error says why there is none.
+
+        Raises
+        ------
+        RefusedError
+            If one has none, such as a backup with compiled programs alone.
+        """
+        for backup in self.backups if not self.unreadable else ():
+            if not any(one.root == backup.path for one in self.programs):
+                told = [text for one in backup.controllers for text in one.contents.warnings]
+                raise RefusedError("; ".join([f"{backup.path}: has no program that can be read", *told[:_SHOWN]]))
 
 
 def read_program(path: str | Path, frames: FrameTable | None = None, options: ReadOptions | None = None) -> Program:
@@ -144,10 +158,11 @@ def read_programs(
     """Read programs, folders of programs and backups of controllers; one that cannot be read does not stop the others.
 
     A folder or .zip in which a maker's backup is recognised is read controller by controller, with the tools and bases
-    that each stores. Of any other folder, all KRL modules are one program, and so are its RAPID modules: one task, or
-    one for each folder TASK1, TASK2 … in it. RAPID modules that are named together are one task, too. Links in a folder
-    are ignored; its CSV files are read only if it holds nothing else, because most tables are no targets. A KRL module
-    that cannot be read is left out of its project, and what it names is not trusted.
+    that each stores; programs in the folder that belong to no controller are read as those of any other folder. In
+    such a one all KRL modules are one program, and so are its RAPID modules: one task, or one for each folder TASK1,
+    TASK2 … in it. RAPID modules that are named together are one task, too. Links in a folder are ignored; its CSV files
+    are read only if it holds nothing else, because most tables are no targets. A KRL or RAPID module that cannot be
+    read is left out, and what it names is not trusted.
 
     Parameters
     ----------
@@ -298,8 +313,14 @@ def _folder(
         found.programs, errors = read_controllers(backup, wanted, frames, options)
         found.backups.append(backup)
         found.unreadable += errors if len(wanted) < len(backup.controllers) else [*backup.unreadable, *errors]
-        return found
-    krl, rapid, found.others, found.left_out = _members(path)
+        if is_zip(path) or not backup.outside:
+            return found
+        if len(wanted) < len(backup.controllers):
+            found.left_out = [f"{file}: belongs to no controller and is left out" for file in backup.outside]
+            return found
+        krl, rapid, found.others = _by_language(backup.outside)
+    else:
+        krl, rapid, found.others, found.left_out = _members(path)
     if krl:
         found.take(partial(_project, path, krl, frames, options))
     if rapid:
@@ -357,6 +378,20 @@ def _members(folder: Path) -> tuple[list[Path], list[Path], list[Path], list[str
     """Return the KRL and RAPID files of a folder, its other programs, and what is left out."""
     found, told = without_blank(files_within(folder, unpack=False).files)
     told += [text for file in found if is_zip(file) for text in nested_within(file)[1]]
+    krl, rapid, others = _by_language(found)
+    if not (krl or rapid or others):
+        others = [f for f in found if f.suffix.lower() == ".csv" and ".corrections." not in f.name]
+    if not (krl or rapid or others):
+        raise FileError(folder, f"holds no robot program; known endings: {all_endings()}")
+    read = {(file.parent, file.stem.upper()) for file in others}
+    compiled = [f for f in found if f.suffix.lower() in _REFUSED and (f.parent, f.stem.upper()) not in read]
+    told += [f"{file} {_REFUSED[file.suffix.lower()]}" for file in compiled]
+    return krl, rapid, others, told
+
+
+def _by_language(found: Iterable[Path]) -> tuple[list[Path], list[Path], list[Path]]:
+    """Return the KRL and RAPID files among files, and their other programs."""
+    found = list(found)
     endings = {file: file.suffix.lower() for file in found}
     sources = {file.stem.lower() for file in found if endings[file] == ".src"}
     krl = [
@@ -366,11 +401,7 @@ def _members(folder: Path) -> tuple[list[Path], list[Path], list[Path], list[str
     ]
     rapid = [f for f in found if endings[f] in RAPID]
     others = [f for f in found if language_of(f) not in ("", "krl", "rapid", "table")]
-    if not (krl or rapid or others):
-        others = [f for f in found if endings[f] == ".csv" and ".corrections." not in f.name]
-    if not (krl or rapid or others):
-        raise FileError(folder, f"holds no robot program; known endings: {all_endings()}")
-    return krl, rapid, others, told
+    return krl, rapid, others
 
 
 def _is_data_list(file: Path) -> bool:

@@ -91,7 +91,10 @@ class UsedFrame:
         return [float(x) for x in np.concatenate([self.tf[:3, 3], angles]).round(6) + 0.0]
 
     def lines(self) -> list[str]:
-        """Return the lines of a cell file that state it; ``?`` stands where its values are not known."""
+        """Return the lines of a cell file that state it; ``?`` stands where its values are not known.
+
+        Of one that is stored as zeros they are two: values that a cell file omits are zero.
+        """
         keys = ("x_mm", "y_mm", "z_mm", *ANGLE_KEYS.get(self.controller, ("a_deg", "b_deg", "c_deg")))
         values = ["?"] * len(keys) if (numbers := self.numbers) is None else [repr(x) for x in numbers]
         bare = re.fullmatch(r"[A-Za-z0-9_-]+", str(self.key))
@@ -102,7 +105,8 @@ class UsedFrame:
         head = (
             f"[frames.{_KINDS[self.which]}.{key}]  # {self.text or self.which}: {use if self.targets else 'not used'}"
         )
-        return [head, *(f"{key} = {value}" for key, value in zip(keys, values, strict=True))]
+        pairs = [f"{key} = {value}" for key, value in zip(keys, values, strict=True)]
+        return [head, *(pairs[:1] if self.state == "zero" else pairs)]
 
     def to_dict(self) -> dict[str, Any]:
         """Return it for JSON."""
@@ -216,8 +220,15 @@ def _frames(target: Target, found: dict[tuple[Which, Key], UsedFrame], conventio
         one = found.setdefault((which, key), UsedFrame(which, key, text, controller=convention))
         one.text = one.text or text
         one.tf = tf if one.tf is None else one.tf
-        if one.state == "known" and one.tf is None:
-            one.state, one.reason = ("unknown" if (which, key) in asked else "unusable"), target.reason
+        its_own = (which, key) in asked or _concerns(target.reason, which, text)
+        if (one.state == "known" and one.tf is None) or (its_own and one.state == "unusable" and not one.reason):
+            one.state = "unknown" if (which, key) in asked else "unusable"
+            one.reason = target.reason if its_own else ""
         elif one.state == "unusable" and tf is not None and not one.place:
             one.state, one.reason = "known", ""
         yield one
+
+
+def _concerns(reason: str, which: Which, text: str) -> bool:
+    """Return whether a reason, or one of several, is that of a tool or base and not of the target."""
+    return re.search(rf"(?:^|; )(?:{which} )?{re.escape(text)}(?!\w)", reason) is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -222,3 +223,30 @@ def test_pallets_are_followed_as_the_controller_runs_them(backup: Path) -> None:
     (first,) = [target for target in program.targets if target.name == "P[1]"]
     assert {shift for one in first.derived for shift in one.shifts} == positions_of_a_pallet(lines)
     assert len(positions_of_a_pallet(lines)) == 24
+
+
+KRL = "DEF a()\nBAS(#TOOL,0)\nBAS(#BASE,0)\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\n"
+
+
+@pytest.mark.promise("A single file of FANUC makes no backup of the programs beside it; all of them are read or named.")
+@pytest.mark.parametrize("name", ["cam/OLD.TP", "posreg.va", "VERSION.DG"])
+def test_a_single_file_makes_no_backup(tmp_path: Path, name: str) -> None:
+    for file, text in {name: "x", "a.src": KRL, "cell/b.src": KRL.replace("a()", "b()"), "cell/C.LS": ""}.items():
+        (tmp_path / file).parent.mkdir(exist_ok=True)
+        (tmp_path / file).write_text(text)
+    found = read_programs([tmp_path])
+    assert not found.backups
+    assert [one.counts()["correct"] for one in found.programs] == [2]
+    compiled = [f"{tmp_path / name} is a compiled FANUC program; export it as .ls and correct that"]
+    assert [text for text in found.left_out if "C.LS" not in text] == (compiled if name.endswith("TP") else [])
+
+
+def test_a_controller_beside_other_programs_leaves_none_out(backup: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "both"
+    shutil.copytree(backup, folder / "fanuc")
+    (folder / "fanuc/CAM/deep").mkdir(parents=True)
+    shutil.copy(next((folder / "fanuc").glob("*.LS")), folder / "fanuc/CAM/deep/ELSE.LS")
+    (folder / "a.src").write_text(KRL)
+    alone, found = read_programs([backup]), read_programs([folder])
+    assert len(found.programs) == len(alone.programs) + 2
+    assert {one.path for one in found.programs if one.controller is None} == {folder, folder / "fanuc/CAM/deep/ELSE.LS"}

@@ -59,9 +59,31 @@ def test_one_broken_controller_does_not_stop_the_other(tmp_path: Path) -> None:
     assert [one.controller for one in found.programs if one.counts()["correct"] == 2] == [tmp_path / "R2"]
 
 
-def test_programs_outside_of_controllers_are_named(tmp_path: Path) -> None:
-    backup, _ = backup_of(tmp_path, below("R1", small.files_of()), {"old/a.src": b"DEF a()\nEND\n"})
-    assert backup.warnings == (f"{tmp_path}: belongs to no controller and is not read: old/a.src",)
+OUTSIDE = {
+    "old/a.src": b"DEF a()\nBAS(#TOOL,0)\nBAS(#BASE,0)\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\n",
+    "cam/b.ls": b"/PROG B\n/MN\n/POS\n/END\n",
+    "cam/c.nc": b"G1 X1 Y2\n",
+}
+
+
+@pytest.mark.promise("Programs of a folder that belong to no controller in it are read as other programs, or named.")
+def test_programs_outside_of_controllers_are_read(tmp_path: Path) -> None:
+    backup, found = backup_of(tmp_path, below("R1", small.files_of()), below("R2", small.files_of()), OUTSIDE)
+    assert backup.outside == tuple(tmp_path / name for name in ("cam/b.ls", "cam/c.nc", "old/a.src"))
+    assert {one.language: one.controller for one in found.programs if one.controller is None} == {
+        "krl": None, "tp": None, "gcode": None,
+    }  # fmt: skip
+    assert [one.counts()["correct"] for one in found.programs if one.language == "krl"] == [2, 2, 1]
+    found = read_programs([tmp_path], controllers=["R1"])
+    assert len(found.programs) == 1
+    assert found.left_out == [f"{file}: belongs to no controller and is left out" for file in backup.outside]
+
+
+def test_programs_outside_of_controllers_in_a_zip_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "backup.zip"
+    path.write_bytes(small.packed(below("R1", small.files_of()) | OUTSIDE))
+    (backup,) = read_programs([path]).backups
+    assert backup.warnings == (f"{path}: belongs to no controller and is not read: cam/b.ls, cam/c.nc, old/a.src",)
 
 
 def test_a_name_chooses_a_controller_without_regard_to_case(tmp_path: Path) -> None:
@@ -125,7 +147,8 @@ def test_zeros_without_a_name_are_asked_for(tmp_path: Path) -> None:
     (reason,) = stored("tool 1 0 0 150 probe\nbase 2 0 0 0 -\n", tmp_path).values()
     assert reason == (
         "base BASE_DATA[2] is stored as zeros and without a name (Frames.TXT, line 2), as controllers store what is "
-        "not set; if it is meant, give it in [frames.bases.2] of the cell file"
+        "not set; if it is meant, give it in [frames.bases.2] of the cell file (two lines: [frames.bases.2] and "
+        "x_mm = 0.0)"
     )
     assert stored("tool 1 0 0 150 probe\nbase 2 0 0 0 -\n", tmp_path, FrameTable(bases={2: np.eye(4)})) == {"LIN:4": ""}
     assert stored("tool 1 0 0 150 probe\nbase 2 0 0 0 world\n", tmp_path) == {"LIN:4": ""}

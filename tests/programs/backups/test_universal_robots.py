@@ -29,7 +29,6 @@ from tests.programs.urp_files import (
     program,
 )
 
-from truepose.errors import FileError
 from truepose.programs import CorrectedProgram, ReadOptions, correct_program, read_programs
 from truepose.programs.backups import universal_robots as backups
 from truepose.programs.batch import correct_programs
@@ -293,16 +292,46 @@ def test_a_broken_program_does_not_block_the_others(tmp_path: Path) -> None:
     assert "c.urp" in str(error)
 
 
-def test_a_broken_installation_blocks_its_programs(tmp_path: Path) -> None:
-    folder = lay(tmp_path, {**small(), "default.installation": packed("<!DOCTYPE x [<!ENTITY y 'z'>]><Installation/>")})
-    with pytest.raises(FileError, match="has a DOCTYPE"):
-        backups.stored_frames(folder, listing(folder))
+@pytest.mark.promise("A broken installation of a UR backup is named, and refuses the programs that name it alone.")
+def test_a_broken_installation_refuses_its_programs_alone(tmp_path: Path) -> None:
     twice = installation({"grip": corpus.TCPS["grip"]}, "grip", {}).replace(
         "</availablePoses>", '<tcp name="grip" offset="0,0,0,0,0,0"/></availablePoses>'
     )
-    folder = lay(tmp_path, {**small(), "default.installation": packed(twice)})
-    with pytest.raises(FileError, match="grip is given twice"):
-        backups.stored_frames(folder, listing(folder))
+    waypoint = Waypoint("W", corpus.HOME, corpus.TCPS["grip"])
+    for text, why in ((twice, "grip is given twice"), ("<!DOCTYPE x []><Installation/>", "has a DOCTYPE")):
+        other = packed(program([move([waypoint])], "other", installation="bench"))
+        folder = lay(tmp_path, {**small(), "bench.installation": packed(text), "other.urp": other})
+        found = read_programs([folder], None, ALL)
+        assert not found.unreadable
+        assert any(why in warning for warning in found.backups[0].controllers[0].contents.warnings)
+        by_name = {one.path.name: one for one in found.programs}
+        assert by_name["a.urp"].counts()["correct"] > 0
+        assert [why in target.reason for target in by_name["other.urp"].targets] == [True]
+
+
+@pytest.mark.promise("Each UR program has the installation that it names, of its folder or of the next one around it.")
+def test_installations_of_one_name_in_several_folders(tmp_path: Path) -> None:
+    """A program in a folder without one, where several lie elsewhere, is corrected only if all of them agree."""
+    grip, nozzle = (installation(corpus.TCPS, name, {}) for name in ("grip", "nozzle"))
+    files = {"default.installation": packed(grip), "press/default.installation": packed(nozzle)}
+    for name, tcp in {"a": "grip", "press/b": "nozzle", "press/deep/c": "nozzle", "press/d": "grip"}.items():
+        waypoint = Waypoint("W", corpus.HOME, corpus.TCPS[tcp])
+        files[f"{name}.urp"] = packed(program([move([waypoint])]))
+    named = program([move([Waypoint("W", corpus.HOME, corpus.TCPS["grip"])])])
+    files["press/e.urp"] = packed(named.replace("directory=", 'installationRelativePath="../default" directory='))
+    found = read_programs([lay(tmp_path, files)], None, ALL)
+    assert not found.unreadable
+    assert {one.path.stem: one.counts()["correct"] for one in found.programs} == {
+        "a": 1,
+        "b": 1,
+        "c": 1,
+        "d": 0,
+        "e": 1,
+    }
+    files = {f"{name}/default.installation": packed(text) for name, text in {"x": grip, "y": nozzle}.items()}
+    files["a.urp"] = files["x/b.urp"] = packed(program([move([Waypoint("W", corpus.HOME, corpus.TCPS["grip"])])]))
+    found = read_programs([lay(tmp_path / "apart", files)], None, ALL)
+    assert {one.path.stem: one.counts()["correct"] for one in found.programs} == {"a": 0, "b": 1}
 
 
 def test_other_folders_are_no_backup(tmp_path: Path) -> None:

@@ -90,9 +90,30 @@ def test_zeros_that_are_used_are_marked_and_their_lines_can_be_pasted(tmp_path: 
         ("base", 3, "unusable", 0, "table"),
     ]
     assert rows[0].place == "Frames.TXT, line 2"
-    values = tomllib.loads("\n".join(missing_lines(rows)))["frames"]["bases"]["1"]
-    assert set(values.values()) == {0.0}
+    lines = missing_lines(rows)
+    assert lines == ["[frames.bases.1]  # BASE_DATA[1]: 2 targets in p0.src, p1.src", "x_mm = 0.0"]
+    (reason,) = {target.reason for target in found.programs[0].targets}
+    assert "(two lines: [frames.bases.1] and x_mm = 0.0)" in reason
+    cell = Cell.from_toml('[robot]\nmodel = "kuka-kr16-2"\n' + "\n".join(lines), folder=tmp_path)
+    assert not missing_lines(frames_of(read_programs([tmp_path], FrameTable.from_cell(cell)).programs))
     given = FrameTable(bases={1: np.eye(4)})
     again = read_programs([tmp_path], given)
     assert again.programs[0].counts()["correct"] == 2
     assert not missing_lines(by_controller(again.programs, again.backups, given)[0][2])
+
+
+@pytest.mark.promise("The reason of a target is not stated as that of its tool or base.")
+def test_the_reason_of_a_target_is_not_that_of_its_frame(tmp_path: Path) -> None:
+    point = "LIN_REL {X 1}\nPTP {A1 0,A2 0,A3 0,A4 0,A5 0,A6 0}\n"
+    path = tmp_path / "a.src"
+    path.write_text(f"DEF a()\n$TOOL=TOOL_DATA[3]\n$BASE=BASE_DATA[2]\n{point}END\n")
+    rows = listed(path)
+    reasons = {target.reason for target in read_programs([path]).programs[0].targets}
+    assert rows
+    assert reasons
+    assert not reasons & {one.reason for one in rows}
+    code = f"$BASE=$NULLFRAME\nTOOL_DATA[3].X=5\n$TOOL=TOOL_DATA[3]\n{point}LIN {{X 1,Y 2,Z 3,A 0,B 0,C 0}}\n"
+    path.write_text(f"DEF a()\n{code}END\n")
+    given = FrameTable(tools={3: np.eye(4)})
+    told = [one.reason for one in listed(path, given) if one.which == "tool"]
+    assert all("TOOL_DATA[3] is changed by the program" in reason or not reason for reason in told)

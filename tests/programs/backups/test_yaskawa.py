@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tests.programs.backups import yaskawa as corpus
 from tests.programs.backups.compare import (
     Own,
@@ -24,7 +26,7 @@ from tests.programs.joint_arms import Sagging
 
 from truepose.programs import Program, ReadOptions, Target, correct_program, read_programs
 from truepose.programs.backups import yaskawa
-from truepose.robots import load_robot
+from truepose.robots import Robot, load_robot
 
 
 def read(folder: Path, **options: Any) -> dict[str, Program]:
@@ -325,10 +327,80 @@ def test_robots_of_another_kind_have_no_constants(tmp_path: Path) -> None:
     assert found.no_pulses == "the limits of 1-06VXH25-A0*(MH24) in degrees are not known"
 
 
-def test_corrected_pulses_bring_the_tool_where_it_was_told(folder: Path) -> None:
-    program = read(folder, joint_targets=True)["PICK-01"]
+@pytest.mark.promise("Yaskawa pulses mean poses of the lengths that the controller stores, if that is stated.")
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize(("old", "new"), [(b"150000", b"151937"), (b"760000", b"758063"), (b"795000", b"796204")])
+def test_measured_lengths_of_the_controller_are_the_arm(tmp_path: Path, old: bytes, new: bytes) -> None:
+    found = pulses(tmp_path, ALL_PRM=corpus.all_prm().replace(old, new, 1))
+    np.testing.assert_allclose(found.pulses, corpus.PER_DEGREE, rtol=1e-5)
+    home = read(tmp_path, joint_targets=True)["PICK-01"].targets[0]
+    assert (home.verdict, home.joints) == ("skip", None)
+    assert f"{float(new) / 1000:g} mm instead of {float(old) / 1000:g} mm; state that the map was" in home.reason
+    program = read(tmp_path, joint_targets=True, controller_kinematics=True)["PICK-01"]
     robot = load_robot("yaskawa-gp25")
-    arm = Sagging(robot)
+    lengths = {b"150000": ("a", 1), b"760000": ("a", 2), b"795000": ("d", 3)}
+    table, k = lengths[old]
+    values = getattr(robot, table).copy()
+    values[k] = np.copysign(float(new) / 1000, values[k])
+    check_home(program, replace(robot, **{table: values}), Sagging(robot))
+
+
+def taught_frames(arm: Robot, numbers: int = 2) -> bytes:
+    """Return user frames whose points were taught with tool 4 of an arm, as a controller computes them."""
+    lines = []
+    rng = np.random.default_rng(7)
+    tool = matrix(corpus.TOOLS[4][1])
+    for number in range(1, numbers + 1):
+        degrees = np.array([20.0, 15.0, -20.0, 10.0, -60.0, 25.0]) + rng.uniform(-30.0, 30.0, (3, 6))
+        pulses = np.round(degrees * corpus.PER_DEGREE)
+        p = (arm.forward(np.deg2rad(pulses / corpus.PER_DEGREE)) @ tool)[:, :3, 3]
+        x = (p[1] - p[0]) / np.linalg.norm(p[1] - p[0])
+        z = np.cross(x, p[2] - p[0])
+        z /= np.linalg.norm(z)
+        angles = Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z])).as_euler("xyz", degrees=True)
+        lines += [
+            f"//UFRAME {number}",
+            "///CRC 1",
+            f"///NAME F{number}",
+            "///TOOL 4",
+            "///GROUP 1,0,0,0,0,0,0,0",
+            "///PULSE",
+        ]
+        for k, (key, row) in enumerate(zip(("RORG", "RXX", "RXY"), pulses, strict=True)):
+            lines.append(f"////{key} C{k:03}=" + ",".join(f"{v:.0f}" for v in row))
+        lines.append(f"////BUSER {corpus.pose([*p[0], *angles])}")
+    return corpus.crlf(lines)
+
+
+@pytest.mark.promise("Where limits differ from the data sheet, the points of user frames give a Yaskawa's pulses.")
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("axes", [1, 2])
+def test_pulses_of_a_degree_from_the_points_of_user_frames(tmp_path: Path, axes: int) -> None:
+    data = changed_limits(corpus.all_prm(), axes)
+    assert data != corpus.all_prm()
+    robot = load_robot("yaskawa-gp25")
+    found = pulses(tmp_path, ALL_PRM=data, UFRAME_CND=taught_frames(robot))
+    np.testing.assert_allclose(found.pulses, corpus.PER_DEGREE, rtol=1e-4)
+    longer = data.replace(b"760000", b"758063", 1)
+    a = robot.a.copy()
+    a[2] = np.copysign(758.063, a[2])
+    found = pulses(tmp_path, ALL_PRM=longer, UFRAME_CND=taught_frames(replace(robot, a=a)))
+    np.testing.assert_allclose(found.pulses, corpus.PER_DEGREE, rtol=1e-4)
+    assert "758.063" in found.own_lengths
+    for frames in (corpus.uframe_cnd(), taught_frames(robot, 1).replace(b"////BUSER ", b"////BUSER 1")):
+        assert pulses(tmp_path, ALL_PRM=data, UFRAME_CND=frames).pulses == ()
+
+
+def changed_limits(data: bytes, count: int) -> bytes:
+    """Return the parameters with upper limits of axes 3 and 5 that are not those of the data sheet."""
+    upper = [round(d * c) for d, c in zip(corpus.LIMITS_DEG[0], corpus.PER_DEGREE, strict=True)]
+    for axis in (2, 4)[:count]:
+        data = data.replace(b"%d," % upper[axis], b"%d," % round(1.2 * upper[axis]), 1)
+    return data
+
+
+def check_home(program: Program, robot: Robot, arm: Sagging) -> None:
+    """Check the first position of a job, by an arm of the controller."""
     (data,) = correct_program(program, arm, on_guard="skip").files.values()
     home = re.compile(rb"(?m)^C00000=(-?\d+),(-?\d+),(-?\d+),(-?\d+),(-?\d+),(-?\d+)\r$")
     tools = []
@@ -340,3 +412,8 @@ def test_corrected_pulses_bring_the_tool_where_it_was_told(folder: Path) -> None
     told, commanded = tools
     assert np.linalg.norm(commanded - told) > 0.05
     assert np.linalg.norm(commanded + arm.error(commanded) - told) < 0.03  # a pulse is up to 0.03 mm
+
+
+def test_corrected_pulses_bring_the_tool_where_it_was_told(folder: Path) -> None:
+    robot = load_robot("yaskawa-gp25")
+    check_home(read(folder, joint_targets=True)["PICK-01"], robot, Sagging(robot))

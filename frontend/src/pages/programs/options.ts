@@ -14,6 +14,7 @@ export const DEFAULTS: Required<CorrectionOptions> = {
   offsets: false,
   derived: false,
   frame_tolerance: '',
+  tool_tolerance: '',
   angles: '',
   joint_targets: false,
   controller_kinematics: false,
@@ -39,7 +40,7 @@ export type OptionName = keyof typeof DEFAULTS
 type Named<T> = { [K in OptionName]: (typeof DEFAULTS)[K] extends T ? K : never }[OptionName]
 export type Flag = Exclude<Named<boolean>, 'dry_run'>
 export type List = Named<string[]>
-export type Word = 'tool' | 'base' | 'frame_tolerance' | 'angles' | 'mechanical_unit' | 'other_robot' | 'require'
+export type Word = 'tool' | 'base' | 'frame_tolerance' | 'tool_tolerance' | 'angles' | 'mechanical_unit' | 'other_robot' | 'require'
 
 /** The few that matter; the others are one click away. */
 export const FLAGS: readonly Flag[] = ['derived', 'joint_targets', 'orientation', 'keep_going']
@@ -57,7 +58,7 @@ export const MORE_FLAGS: readonly Flag[] = [
   'accept_weak_map',
   'xlsx',
 ]
-export const WORDS: readonly Word[] = ['frame_tolerance', 'require', 'tool', 'base', 'angles', 'mechanical_unit', 'other_robot']
+export const WORDS: readonly Word[] = ['frame_tolerance', 'tool_tolerance', 'require', 'tool', 'base', 'angles', 'mechanical_unit', 'other_robot']
 export const LISTS: readonly List[] = ['controller', 'accept']
 /** Options that only a correction has. */
 const OF_CORRECTION: readonly OptionName[] = [

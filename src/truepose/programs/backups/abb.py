@@ -90,7 +90,8 @@ def read_all(
     def finished(program: Program) -> Program:
         return replace(program, root=root, options=options, again=partial(again, program.path), language="rapid")
 
-    return [refuse_off_scale(finished(program)) for program in programs], broken
+    aside = [error for program in programs for error in program.unreadable]
+    return [refuse_off_scale(finished(program)) for program in programs], [*broken, *aside]
 
 
 def _task(backup: Backup, task: BackupTask, frames: FrameTable, options: ReadOptions) -> TaskFiles:

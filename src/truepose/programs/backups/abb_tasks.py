@@ -22,6 +22,7 @@ from truepose.programs.rapid.controller import (
     configured_tasks,
     robots,
 )
+from truepose.programs.rapid.unreadable import is_encoded
 
 TASK: Final = re.compile(r"TASK(\d+)", re.I)
 _LISTS: Final = (".pgf", ".pgfx")
@@ -33,7 +34,6 @@ _LOADED: Final = re.compile(
 )
 """A module that a program loads from HOME by a name that is a constant."""
 _IN_HOME: Final = re.compile(r"\(?HOME\)?:/*(.*)", re.I)
-_ENCODED: Final = 0xFC
 _KINDS: Final = {
     "BACKINFO": "backup information",
     "SYSPAR": "machine data",
@@ -279,7 +279,10 @@ class Backup:
             self.others[file] = "spare copy" if spare else _KINDS.get(top, "other data")
 
     def _is_encoded(self, file: Path) -> bool:
-        return read_bytes(file)[:1] == bytes([_ENCODED])
+        try:
+            return is_encoded(read_bytes(file))
+        except FileError:
+            return True  # too large, or broken in its .zip
 
 
 def _number(parts: tuple[str, ...]) -> int:

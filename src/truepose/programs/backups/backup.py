@@ -14,9 +14,7 @@ from truepose._io.folders import files_within
 from truepose._io.zips import check_names, is_zip
 from truepose.errors import FileError
 from truepose.programs.backups.controller import FORMATS, BackupFormat, Contents, StoredFrames
-from truepose.programs.languages import LANGUAGES, language_of, without_blank
-
-_SHOWN = 3  # files that a message names
+from truepose.programs.languages import language_of, without_blank
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -92,6 +90,8 @@ class Backup:
         The errors of controllers that cannot be understood.
     warnings : tuple of str
         What is left out.
+    outside : tuple of Path
+        The programs that belong to no controller.
     """
 
     path: Path
@@ -99,6 +99,7 @@ class Backup:
     files: tuple[Path, ...] = ()
     unreadable: tuple[FileError, ...] = ()
     warnings: tuple[str, ...] = ()
+    outside: tuple[Path, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Backup {self.path}: {'; '.join(f'{one.name}: {one}' for one in self.controllers)}>"
@@ -152,13 +153,12 @@ def find_backup(path: Path) -> Backup | None:
             controllers.append(_controller(maker, formats[maker], root, path, own))
         except FileError as error:
             unreadable.append(error)
-    named = {file for one in controllers for file in one.contents.others}
-    told = [
-        *warnings,
-        *blank,
-        *_outside(path, [root for root, _ in roots], [file for file in files if file not in named]),
-    ]
-    return Backup(path, tuple(controllers), tuple(files), tuple(unreadable), tuple(told))
+    outside = _outside([root for root, _ in roots], controllers, files)
+    told = [*warnings, *blank]
+    if outside and is_zip(path):  # those of a folder are read
+        shown = ", ".join(file.relative_to(path).as_posix() for file in outside)
+        told.append(f"{path}: belongs to no controller and is not read: {shown}")
+    return Backup(path, tuple(controllers), tuple(files), tuple(unreadable), tuple(told), tuple(outside))
 
 
 def _controller(maker: str, module: BackupFormat, root: Path, backup: Path, files: Sequence[Path]) -> Controller:
@@ -172,15 +172,14 @@ def _without_deeper(root: Path, roots: Sequence[Path], files: Sequence[Path]) ->
     return [file for file in files if not any(file.is_relative_to(one) for one in deeper)]
 
 
-def _outside(path: Path, roots: Sequence[Path], files: Sequence[Path]) -> list[str]:
-    """Name programs that belong to no controller."""
-    makers = {name for name, language in LANGUAGES.items() if language.maker}
-    beside = [
-        file.relative_to(path).as_posix()
+def _outside(roots: Sequence[Path], controllers: Sequence[Controller], files: Sequence[Path]) -> list[Path]:
+    """Return the programs that belong to no controller, not even to one that cannot be understood."""
+    claimed = {file for one in controllers for some in (one.contents.others, *one.contents.programs) for file in some}
+    failed = set(roots) - {one.root for one in controllers}
+    return [
+        file
         for file in files
-        if language_of(file) in makers and not any(file.is_relative_to(root) for root in roots)
+        if language_of(file) not in ("", "table")
+        and file not in claimed
+        and not any(file.is_relative_to(root) for root in failed)
     ]
-    if not beside:
-        return []
-    more = f" and {len(beside) - _SHOWN} more" if len(beside) > _SHOWN else ""
-    return [f"{path}: belongs to no controller and is not read: {', '.join(beside[:_SHOWN])}{more}"]

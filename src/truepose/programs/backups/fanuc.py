@@ -7,6 +7,7 @@ language; the English ones are used.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -48,8 +49,14 @@ _NUMREG: Final = re.compile(rb"[ \t]*([-+.\deE]+)")
 
 
 def roots(files: Sequence[Path]) -> list[Path]:
-    """Return the folders of the controllers among the files of a backup."""
-    marked = {file.parent for file in files if _MARKS.fullmatch(file.name)}
+    """Return the folders of the controllers among the files of a backup.
+
+    A single file such as a .TP makes none where no text of a program (.LS) lies beside it.
+    """
+    marks = Counter(file.parent for file in files if _MARKS.fullmatch(file.name))
+    texts = [file.parent for file in files if file.suffix.lower() == ".ls"]
+    beside = {*texts, *(folder.parent for folder in texts if _LANGUAGE.match(folder.name))}
+    marked = {folder for folder, n in marks.items() if n > 1 or folder in beside}
     return sorted(folder for folder in marked if not (_LANGUAGE.match(folder.name) and folder.parent in marked))
 
 

@@ -75,7 +75,7 @@ def _problem(frame: StoredFrame, tf: FloatArray, own: FloatArray | None, key: st
         if is_zero(frame.tf) and not frame.name.strip():
             return (
                 f"is stored as zeros and without a name{place}, as controllers store what is not set; if it is meant, "
-                f"give it in {key} of the cell file"
+                f"give it in {key} of the cell file (two lines: {key} and x_mm = 0.0)"
             )
         return ""
     if same_frame(tf, own):

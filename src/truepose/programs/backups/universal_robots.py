@@ -50,7 +50,9 @@ def contents(root: Path, files: Sequence[Path]) -> Contents:
     models = sorted({_MODELS.get(one.get("robotSerialNumber", "")[4:6], "") for one in about.values()} - {""})
     serials = sorted({one.get("robotSerialNumber", "") for one in about.values()} - {""})
     versions = sorted({one.get("lastSavedIn", "") for one in about.values()} - {""})
+    installations = [one for some in _installations(root, files).values() for one in some]
     warnings = [*_missing(root, own, about), *_serials(root, about)]
+    warnings += [f"{one.problem}; programs that name it are refused" for one in installations if one.problem]
     if written:
         warnings.append(
             f"{root.name}: {written} .script beside a .urp are left: load the .urp, the controller writes them again"
@@ -67,7 +69,7 @@ def contents(root: Path, files: Sequence[Path]) -> Contents:
 
 def stored_frames(root: Path, files: Sequence[Path]) -> StoredFrames:
     """Return the TCPs and features of the installations of one controller."""
-    known = list(_installations(root, files).values())
+    known = [one for some in _installations(root, files).values() for one in some]
     tools = [(one.path, one.tcps) for one in known]
     features = [(one.path, one.features) for one in known]
     return StoredFrames(_joined(tools), _joined(features))
@@ -78,14 +80,16 @@ def for_reader(root: Path, files: Sequence[Path]) -> dict[str, Any]:
     return {"installations": _installations(root, files)}
 
 
-def _installations(root: Path, files: Sequence[Path]) -> dict[str, Installation]:
+def _installations(root: Path, files: Sequence[Path]) -> dict[str, list[Installation]]:
+    """Return the installations by their names; folders may have their own of one name."""
     own = [file for file in files if file.is_relative_to(root) and file.suffix.lower() == ".installation"]
-    found: dict[str, Installation] = {}
+    found: dict[str, list[Installation]] = {}
     for file in own:
-        name = file.stem.lower()
-        if name in found:
-            raise FileError(file, f"is a second installation of this name, beside {found[name].path}; keep one")
-        found[name] = read_installation(file)
+        try:
+            one = read_installation(file)
+        except FileError as error:
+            one = Installation(file, problem=str(error))
+        found.setdefault(file.stem.lower(), []).append(one)
     return found
 
 

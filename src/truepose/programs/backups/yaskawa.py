@@ -11,13 +11,15 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+
 from truepose._io.folders import files_within
 from truepose._io.zips import on_disk
 from truepose._typing import FloatArray
 from truepose.errors import FileError
 from truepose.geometry import euler, make_transform
 from truepose.programs.backups.controller import Contents, StoredFrame, StoredFrames
-from truepose.programs.backups.yaskawa_pulses import pulses_of
+from truepose.programs.backups.yaskawa_pulses import TaughtFrame, pulses_of
 from truepose.programs.core.source import Source, parse_number
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.inform.controller import Controller, Pose, StoredPosition
@@ -34,6 +36,8 @@ _ROBOT = re.compile(rb"[ \t]*R(\d)[ \t]*:[ \t]*([^\r\n]*)")
 _VARIABLE = re.compile(rb"[ \t]*\"?(PULSE|RECTAN|UNUSED)\"?[ \t]*,?([^\r\n]*)", re.I)
 _IN_BASE, _IN_ROBOT, _IN_USER = 16, 17, 19
 _AXES: Final = 8
+_POINTS: Final = ("RORG", "RXX", "RXY")
+"""The points by which a user frame is taught: its origin, one on its x axis, one with a positive y."""
 
 
 class _Line(NamedTuple):
@@ -83,12 +87,14 @@ def for_reader(root: Path, files: Sequence[Path]) -> dict[str, Any]:
     variables = _named(own, "var.dat")
     robots, _ = _system(_named(own, "system.sys"))
     parameters = [Source.read(file) for name in _PARAMETERS if (file := _named(own, name)) is not None]
-    pulses = pulses_of(robots.get(1, ""), parameters)
+    pulses = pulses_of(robots.get(1, ""), parameters, _taught(own))
     known = Controller(
         _variables(variables) if variables else {},
         robot=1 if len(robots) > 1 else None,
         pulses=pulses.per_degree,
         no_pulses=pulses.reason,
+        lengths=pulses.lengths,
+        own_lengths=pulses.own,
     )
     return {"controller": survey_jobs(jobs, FrameTable(), known)}
 
@@ -234,6 +240,34 @@ def _bases(path: Path) -> Mapping[int | str, StoredFrame]:
                 raise source.error(line.number, f"user frame {block} is given twice; save the backup again")
             found[block] = StoredFrame(_pose(values), name, f"{path.name}, line {line.number}", problem)
     return found
+
+
+def _taught(own: Sequence[Path]) -> list[TaughtFrame]:
+    """Return the user frames of UFRAME.CND in the base of robot 1 that were taught by points of a known tool."""
+    tools_at, bases_at = _named(own, "tool.cnd"), _named(own, "uframe.cnd")
+    if bases_at is None:
+        return []
+    tools = _tools(tools_at) if tools_at else {}
+    bases = _bases(bases_at)
+    points: dict[int, dict[str, list[float]]] = {}
+    tool_of: dict[int, int] = {}
+    source = Source.read(bases_at)
+    for line in _lines(source):
+        if line.block != "UFRAME" or line.block_number is None or not line.begins:
+            continue
+        if line.entry == "TOOL" and line.text.isdigit():
+            tool_of[line.block_number] = int(line.text)
+        elif line.entry in _POINTS:
+            values = _numbers(source, line._replace(text=line.text.rpartition(b"=")[2]), 6)
+            points.setdefault(line.block_number, {})[line.entry] = values[:6]
+    return [
+        TaughtFrame(base.tf, tools[tool_of[number]].tf, np.array([found[key] for key in _POINTS]))
+        for number, base in bases.items()
+        if isinstance(number, int)
+        and not base.problem
+        and (found := points.get(number, {})).keys() == set(_POINTS)
+        and tool_of.get(number) in tools
+    ]
 
 
 def _variables(path: Path) -> dict[int, StoredPosition]:

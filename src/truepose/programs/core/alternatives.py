@@ -1,8 +1,9 @@
-"""The other poses that one correction of a target must suit: derived positions, and a frame within its tolerance.
+"""The other poses that one correction of a target must suit: derived positions, frames and tools within tolerances.
 
 A program that moves to ``Offs(p1,0,0,50)`` moves there with the correction of p1. So that correction must be right at
 both places, and the map is asked at both. The same holds for a frame that the program sets at run time near its stored
-value: the correction in the frame must be right wherever the frame may lie.
+value: the correction in the frame must be right wherever the frame may lie. And for a tool: the correction must be
+right for whichever tool within the tolerance.
 """
 
 from __future__ import annotations
@@ -41,6 +42,8 @@ class Alternatives:
         The part of the position that turns with the orientation of the target.
     words : list of m str
         How the program gets there.
+    tool : (m, 4, 4) array [mm]
+        The deviations of the tools, in their own axes.
     """
 
     owner: IntArray
@@ -48,6 +51,7 @@ class Alternatives:
     tf_base_frame: FloatArray
     lever: FloatArray
     words: list[str]
+    tool: FloatArray
 
     def __len__(self) -> int:
         return len(self.owner)
@@ -64,18 +68,28 @@ class Alternatives:
 
 
 def alternatives(
-    columns: TargetColumns, rows: IntArray, tolerance: FrameTolerance | None = None
+    columns: TargetColumns,
+    rows: IntArray,
+    tolerance: FrameTolerance | None = None,
+    tool_tolerance: FrameTolerance | None = None,
 ) -> Iterator[Alternatives]:
-    """Yield the alternatives of some targets with a pose, some thousand at a time; those of one target together."""
+    """Yield the alternatives of some targets with a pose, some thousand at a time; those of one target together.
+
+    `tolerance` is that of the frames, `tool_tolerance` that of the tools which the program sets at run time.
+    """
     kinds, which = columns.shared()
     loose = np.array([bool(kind.frame_changed) and tolerance is not None for kind in kinds])[which]
-    few = [k for k in rows.tolist() if k in columns.derived or loose[k]]
+    loose_tool = np.array([bool(kind.tool_changed) and tool_tolerance is not None for kind in kinds])[which]
+    few = [k for k in rows.tolist() if k in columns.derived or loose[k] or loose_tool[k]]
     turned = _frames_within(tolerance) if tolerance is not None else None
+    other = _frames_within(tool_tolerance) if tool_tolerance is not None else None
     waiting: list[Alternatives] = []
     for k in few:
         one = columns.take(np.array([k]))
         found = _of_target(one.target(0), k, one.tf_base_frame()[0], turned if loose[k] else None)
         waiting.append(found)
+        if loose_tool[k]:
+            waiting.append(_with_tools(one.target(0), k, one.tf_base_frame()[0], other))
         if sum(map(len, waiting)) >= _BLOCK:
             yield _joined(waiting)
             waiting = []
@@ -104,7 +118,37 @@ def _of_target(target: Target, k: int, tf_base_frame: FloatArray, within: FloatA
     lever = np.tile(levers, (len(frames), 1))
     own_place = slice(1, None)  # the first is the target itself
     m = len(words) - 1
-    return Alternatives(np.full(m, k), everything[own_place], whole[own_place], lever[own_place], words[own_place])
+    return Alternatives(
+        np.full(m, k),
+        everything[own_place],
+        whole[own_place],
+        lever[own_place],
+        words[own_place],
+        np.tile(np.eye(4), (m, 1, 1)),
+    )
+
+
+def _with_tools(target: Target, k: int, tf_base_frame: FloatArray, within: FloatArray | None) -> Alternatives:
+    """Return a target, and the positions derived from it, with its tool at the borders of a tolerance."""
+    assert target.rotation is not None
+    assert within is not None  # the tolerance of a loose tool
+    own = make_transform(target.rotation, target.p)
+    nothing = np.zeros((1, 3))
+    found = [(nothing, nothing), *(one.vectors(target.rotation) for one in target.derived)]
+    shifts, levers = (np.concatenate(part) for part in zip(*found, strict=True))
+    poses = np.repeat((tf_base_frame @ own)[None], len(shifts), axis=0)
+    poses[:, :3, 3] += shifts @ tf_base_frame[:3, :3].T
+    n = len(shifts)
+    words = [f"with its tool at the border of the tolerance ({target.tool_changed})"] * (n * len(within))
+    frames = np.repeat(tf_base_frame[None], len(words), axis=0)
+    return Alternatives(
+        np.full(len(words), k),
+        np.tile(poses, (len(within), 1, 1)),
+        frames,
+        np.tile(levers, (len(within), 1)),
+        words,
+        np.repeat(within, n, axis=0),
+    )
 
 
 def _joined(parts: list[Alternatives]) -> Alternatives:
@@ -114,6 +158,7 @@ def _joined(parts: list[Alternatives]) -> Alternatives:
         np.concatenate([part.tf_base_frame for part in parts]),
         np.concatenate([part.lever for part in parts]),
         [text for part in parts for text in part.words],
+        np.concatenate([part.tool for part in parts]),
     )
 
 

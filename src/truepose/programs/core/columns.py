@@ -378,7 +378,7 @@ def _kind(target: Target, alike: list[Target], known: dict[object, int]) -> int:
     key = (
         target.path, target.motions, target.verdict, target.reason, target.frame, target.tool, target.frame_number,
         target.tool_number, target.controller, target.configuration, target.unit, target.joint_form,
-        target.frame_changed,
+        target.frame_changed, target.tool_changed,
         None if target.tf_base_frame is None else target.tf_base_frame.tobytes(),
         None if target.tf_flange_tool is None else target.tf_flange_tool.tobytes(),
     )  # fmt: skip

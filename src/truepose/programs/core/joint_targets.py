@@ -17,6 +17,8 @@ from truepose.programs.core.source import Span
 
 MOST_JOINTS: Final = 6
 """The largest number of joints of a joint target: arms with more reach a pose in infinitely many ways."""
+STATE: Final = "state that the map was measured with commands of this controller (--controller-kinematics)"
+"""What allows joints of a controller with an arm of its own."""
 
 
 class OwnArm(NamedTuple):
@@ -39,6 +41,19 @@ class OwnArm(NamedTuple):
     stated: bool = False
 
 
+class OwnLengths(NamedTuple):
+    """The lengths of the arm as the controller stores them: those of the map's arm, measured on this very robot.
+
+    Attributes
+    ----------
+    a, d : tuple of float [mm]
+        The magnitudes of the lengths and of the offsets along the axes; NaN where they are those of the map's arm.
+    """
+
+    a: tuple[float, ...]
+    d: tuple[float, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class JointForm:
     """How a controller writes the joints of a target.
@@ -55,7 +70,7 @@ class JointForm:
     ground : bool
         Whether J3 counts from the ground, as FANUC's does, where the robot file states no coupling; see
         `truepose.robots.shown_joints`.
-    arm : OwnArm, optional
+    arm : OwnArm or OwnLengths, optional
         The arm as the controller calculates with it; None: that of the map.
     """
 
@@ -63,7 +78,7 @@ class JointForm:
     scale: tuple[float, ...]
     step: float
     ground: bool = False
-    arm: OwnArm | None = None
+    arm: OwnArm | OwnLengths | None = None
 
     @property
     def count(self) -> int:
@@ -89,7 +104,7 @@ def in_radians(step: float, count: int = MOST_JOINTS) -> JointForm:
     return JointForm("rad", (1.0,) * count, step)
 
 
-def in_pulses(per_degree: tuple[float, ...]) -> JointForm:
+def in_pulses(per_degree: tuple[float, ...], arm: OwnLengths | None = None) -> JointForm:
     """Return the form of joints in whole pulses of the motors.
 
     `per_degree` are the pulses of one degree of each joint; negative where they count against the robot's joint. Joints
@@ -100,7 +115,7 @@ def in_pulses(per_degree: tuple[float, ...]) -> JointForm:
     >>> in_pulses((1000.0, -500.0)).joints(np.array([90000.0, 45000.0])).round(4)
     array([ 1.5708, -1.5708])
     """
-    return JointForm("pulse", tuple([math.radians(1.0) / pulses for pulses in per_degree]), 1.0)
+    return JointForm("pulse", tuple([math.radians(1.0) / pulses for pulses in per_degree]), 1.0, arm=arm)
 
 
 KUKA: Final = in_degrees(1e-5)

@@ -26,7 +26,7 @@ from truepose.programs.core.points import (
     how_to_state,
     stated_frame,
 )
-from truepose.programs.core.program import Key, KnownFrames, ReadOptions, frame_key
+from truepose.programs.core.program import FrameTolerance, Key, KnownFrames, ReadOptions, frame_key
 from truepose.programs.core.source import Source
 from truepose.programs.core.target import Target, Verdict
 
@@ -40,6 +40,13 @@ class NotCorrected(Exception):  # noqa: N818 - ends the questions about one targ
     def __init__(self, verdict: Verdict, reason: str) -> None:
         self.problem = Problem(verdict, reason)
         super().__init__(reason)
+
+
+WITHIN: Final = {
+    "tool": "--tool-tolerance corrects with the stored tool",
+    "base": "--frame-tolerance corrects with the stored frame",
+}
+"""The remedy where a program changes a tool or base whose stored value is known."""
 
 
 class Judge:
@@ -92,7 +99,11 @@ class Judge:
                 tool, frame = self._in_force(point, uses)
                 if problem is None and point.objection is not None:
                     raise NotCorrected(*point.objection)
-                frame = self._within_tolerance(frame)
+                frame = self._within_tolerance("base", frame)
+                tool = self._within_tolerance("tool", tool) if point.joints is None else tool
+                if tool.changed and frame.changed:
+                    reason = f"{tool.changed}, and {frame.changed}: only one of both may be known within a tolerance"
+                    raise NotCorrected("refuse", reason)
                 tf_flange_tool, tf_base_frame = self._transforms(tool, frame)
         except NotCorrected as stop:
             problem = problem or stop.problem
@@ -125,6 +136,7 @@ class Judge:
             derived=tuple([one.of_target() for one in point.derived]) if self._derived else (),
             follows=tuple([one.name for one in point.follows]) if self._follows(point) else (),
             frame_changed=frame.changed if frame else "",
+            tool_changed=tool.changed if tool else "",
         )
 
     def _check(self, point: Point) -> None:
@@ -199,10 +211,15 @@ class Judge:
         place = self._changed.get((which, key)) or (self._changed.get((which, None)) if key != 0 else None)
         return f"{frame.text} is changed by the program ({at(place)})" if place else ""
 
-    def _within_tolerance(self, frame: Frame) -> Frame:
-        """Return a base whose stored value counts, if the options allow that and it is known."""
-        how = self._changed_at("base", frame) if self._options.frame_tolerance else ""
-        known = frame.tf is not None or (frame.key is not None and frame_key(frame.key) in self._frames.bases)
+    def _tolerance(self, which: str) -> FrameTolerance | None:
+        """Return how far a tool or base may lie from its stored value at run time."""
+        return self._options.tool_tolerance if which == "tool" else self._options.frame_tolerance
+
+    def _within_tolerance(self, which: str, frame: Frame) -> Frame:
+        """Return a tool or base whose stored value counts, if the options allow that and it is known."""
+        how = self._changed_at(which, frame) if self._tolerance(which) else ""
+        table = self._frames.tools if which == "tool" else self._frames.bases
+        known = frame.tf is not None or (frame.key is not None and frame_key(frame.key) in table)
         return frame._replace(changed=how) if how and known else frame
 
     def _transforms(self, tool: Frame, frame: Frame) -> tuple[FloatArray | None, FloatArray | None]:
@@ -224,9 +241,8 @@ class Judge:
         table = self._frames.tools if which == "tool" else self._frames.bases
         key = None if frame.key is None else frame_key(frame.key)
         if not frame.changed and (how := self._changed_at(which, frame)):
-            stored = which == "base" and (key in table or frame.tf is not None)
-            remedy = "; --frame-tolerance corrects with the stored frame" if stored else ""
-            raise NotCorrected("refuse", how + remedy)
+            stored = key in table or frame.tf is not None
+            raise NotCorrected("refuse", f"{how}; {WITHIN[which]}" if stored else how)
         if key is not None and (why := self._frames.problems.get((which, key))):
             raise NotCorrected("refuse", f"{which} {frame.text} {why}")
         if key is not None and key in table:

@@ -100,6 +100,8 @@ class ReadOptions:
     frame_tolerance : FrameTolerance, optional
         How far a frame that the program sets at run time may lie from its stored value. Its targets are corrected with
         the stored value, if the map says that corrections differ by less than ``max_difference_mm`` over the tolerance.
+    tool_tolerance : FrameTolerance, optional
+        The same for a tool that the program sets at run time.
     angles : str
         The convention of the angles A, B, C in G-code ("kuka", "fanuc", "staubli", "yaskawa"), of the angles in a
         table ("yaskawa", "staubli"), or of the tool axis i, j, k in APT: "z" along the tool's z, "-z" against it.
@@ -109,7 +111,7 @@ class ReadOptions:
         Whether to correct joint targets: forward with the arm of the map, corrected, and back to the nearest joints.
     controller_kinematics : bool
         Whether the map was measured with commands of the controller that the program is for, whose own arm model may
-        differ from the map's robot (Universal Robots, .urp).
+        differ from the map's robot (Universal Robots, .urp; Yaskawa, positions in pulses).
     whole_task : bool
         Whether a file that is read alone is the whole task (RAPID), project (KRL) or application (VAL3), so that no
         other file uses its points.
@@ -131,6 +133,7 @@ class ReadOptions:
     offsets: bool = False
     derived: bool = False
     frame_tolerance: FrameTolerance | None = None
+    tool_tolerance: FrameTolerance | None = None
     angles: str = ""
     orientation: bool = False
     joint_targets: bool = False
@@ -140,8 +143,9 @@ class ReadOptions:
     mechanical_unit: str = ""
 
     def __post_init__(self) -> None:
-        if self.frame_tolerance is not None:
-            self.frame_tolerance.checked()
+        for tolerance in (self.frame_tolerance, self.tool_tolerance):
+            if tolerance is not None:
+                tolerance.checked()
 
 
 class MotionGroups(NamedTuple):

@@ -59,6 +59,12 @@ REMEDIES: Final = (
         "and the corrections may differ by max_difference_mm",
         r"--frame-tolerance",
     ),
+    _remedy(
+        "--tool-tolerance",
+        "the tool lies within the tolerance around its stored value when the program runs; the map is asked with tools "
+        "at its borders, and the corrections may differ by max_difference_mm",
+        r"--tool-tolerance",
+    ),
     _remedy("--external-axes", "the external axes move neither the robot nor the base", r"allow external_axes"),
     _remedy(
         "--absolute-accuracy",

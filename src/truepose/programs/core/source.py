@@ -35,10 +35,12 @@ class NotAProgramError(FileError):
 Span = tuple[int, int]
 NUMBER: Final = rb"[+-]?+(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)(?:[eE][+-]?+[0-9]++)?+(?![\w.])"
 """Pattern of a number without adhering characters: `1.2.3` does not match."""
-BLANK: Final = (
-    rb"(?:[ \t\r\n\f\v\x00\x1a]|\xc2[\x85\xa0]|\xe1\x9a\x80|\xe2\x80[\x80-\x8b\xa8\xa9\xaf]|\xe2\x81[\x9f\xa0]"
+UNICODE_BLANK: Final = (
+    rb"(?:\xc2[\x85\xa0]|\xe1\x9a\x80|\xe2\x80[\x80-\x8b\xa8\xa9\xaf]|\xe2\x81[\x9f\xa0]"
     rb"|\xe3\x80\x80|\xef\xbb\xbf|(?<![\x80-\xff])(?:\xa0|\xa1\xa1))"
 )
+"""Pattern of one blank of Unicode (UTF-8), of Latin 1 or of GBK."""
+BLANK: Final = rb"(?:[ \t\r\n\f\v\x00\x1a]|" + UNICODE_BLANK + rb")"
 """Pattern of one blank or line end, those of Unicode (UTF-8), of Latin 1 and of GBK included."""
 LARGEST: Final = 1e6
 """Largest coordinate [mm] or angle [deg]; more is a mistake."""

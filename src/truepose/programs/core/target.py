@@ -105,6 +105,8 @@ class Target:
         The names of the targets that it is derived from, and whose correction it gets; it has no numbers of its own.
     frame_changed : str
         Where the program changes its frame, if the stored value is used within a tolerance; empty for any other.
+    tool_changed : str
+        The same for its tool.
     """
 
     name: str
@@ -132,6 +134,7 @@ class Target:
     derived: tuple[Shifts, ...] = ()
     follows: tuple[str, ...] = ()
     frame_changed: str = ""
+    tool_changed: str = ""
 
     @property
     def p(self) -> FloatArray:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
+from truepose.programs.core.joint_targets import OwnLengths
 from truepose.programs.core.points import FileLine, Problem
 from truepose.programs.core.program import Key
 
@@ -137,6 +138,10 @@ class Controller:
         The pulses of one degree of each of its joints; empty where they are not known.
     no_pulses : str
         The reason why they are not known.
+    lengths : OwnLengths, optional
+        The lengths of the arm that the controller stores, by which it turns joints into poses.
+    own_lengths : str
+        How these differ from those of the data sheet, in words; empty where they do not.
     unread : tuple of str
         The jobs that cannot be read: they may write any P variable.
     changed : mapping of ("tool" or "base", int or None) to FileLine
@@ -151,6 +156,8 @@ class Controller:
     robot: int | None = None
     pulses: tuple[float, ...] = ()
     no_pulses: str = "the pulses of a degree are in a backup only"
+    lengths: OwnLengths | None = None
+    own_lengths: str = ""
     unread: tuple[str, ...] = ()
     changed: Mapping[tuple[str, Key | None], FileLine] = field(default_factory=dict)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from truepose.errors import FileError
 from truepose.programs.core.forms import BLANKS, NUMBER, RunFinder, is_run
-from truepose.programs.core.joint_targets import JointNumbers, in_pulses
+from truepose.programs.core.joint_targets import STATE, JointNumbers, in_pulses
 from truepose.programs.core.named import NamedRuns, code_of
 from truepose.programs.core.points import JOINTS, Frame, Point, Problem, numbers_at
 from truepose.programs.core.source import Source, Span, shown
@@ -69,10 +69,14 @@ class Positions:
         If a position is broken or given twice.
     """
 
-    def __init__(self, source: Source, spans: Iterable[Span], controller: Controller) -> None:
+    def __init__(self, source: Source, spans: Iterable[Span], controller: Controller, *, own_arm: bool = False) -> None:
         self._source, self._spans = source, list(spans)
-        self._no_pulses = Problem("skip", f"{JOINTS.reason} (pulses): {controller.no_pulses}")
-        self._form = in_pulses(controller.pulses) if controller.pulses else None
+        why = controller.no_pulses
+        if controller.pulses and controller.own_lengths and not own_arm:
+            why = f"the controller has lengths of its own, {controller.own_lengths}; {STATE}"
+        known = controller.pulses and not (controller.own_lengths and not own_arm)
+        self._no_pulses = Problem("skip", f"{JOINTS.reason} (pulses): {why}")
+        self._form = in_pulses(controller.pulses, controller.lengths if own_arm else None) if known else None
         if not self._read_in_runs():
             self._read(None)
             self.named.ready()

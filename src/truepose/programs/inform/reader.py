@@ -18,7 +18,7 @@ from truepose.programs.core.named import Group
 from truepose.programs.core.points import RELATIVE, RUN_TIME, Derived, FileLine, Point, Problem, Use, unknown_motion
 from truepose.programs.core.program import Key, KnownFrames, Program, ReadOptions
 from truepose.programs.core.reader import Instruction, Reader
-from truepose.programs.core.source import Source, Span, shown
+from truepose.programs.core.source import NotAProgramError, Source, Span, shown
 from truepose.programs.inform import words
 from truepose.programs.inform.controller import ANY, ELSEWHERE, Controller, Displacement, Mention, Survey
 from truepose.programs.inform.positions import NAME, VALUES, Positions
@@ -136,7 +136,7 @@ class _Reader(Reader):
         """Return where positions stand, and the instructions and runs of motions."""
         data = self.source.data
         if not data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"/JOB"):
-            raise FileError(self.source.path, "does not start with /JOB: it is no INFORM job")
+            raise NotAProgramError(self.source.path, "does not start with /JOB: it is no INFORM job")
         heads = list(_section_heads(data))
         borders = [*(start for start, _ in heads[1:]), len(data)]
         positions: list[Span] = []
@@ -181,7 +181,7 @@ class _Reader(Reader):
     def _follow(self) -> None:
         """Take the instructions and follow all ways through them."""
         spans, instructions = self._sections()
-        self._positions = Positions(self.source, spans, self._known())
+        self._positions = Positions(self.source, spans, self._known(), own_arm=self.options.controller_kinematics)
         codes = [one.code for one in instructions if isinstance(one, Instruction)]
         self._labels = {m[1] for code in codes if (m := words.LABEL.match(code))}
         flow = self.flow

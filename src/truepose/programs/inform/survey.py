@@ -9,7 +9,7 @@ from pathlib import Path
 from truepose.errors import FileError
 from truepose.programs.core.points import FileLine
 from truepose.programs.core.program import Key, KnownFrames
-from truepose.programs.core.source import Source
+from truepose.programs.core.source import NotAProgramError, Source
 from truepose.programs.inform.controller import ELSEWHERE, Controller, Displacement, Mention, Survey
 from truepose.programs.inform.reader import survey
 from truepose.programs.inform.words import changed_frames
@@ -35,6 +35,8 @@ def survey_jobs(jobs: Sequence[Path], frames: KnownFrames, controller: Controlle
         for path in again:
             try:
                 found[path] = survey(path, frames, controller)
+            except NotAProgramError:
+                jobs = [job for job in jobs if job != path]
             except FileError:
                 found.pop(path, None)  # reading it will give the reason
         left = _left(list(found.values()), set(jobs) - set(found))

@@ -9,7 +9,18 @@ import re
 from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
-from truepose.programs.core.source import LARGEST, LONGEST, NUMBER, Source, Span, is_broken, parse_number, shown, strip
+from truepose.programs.core.source import (
+    LARGEST,
+    LONGEST,
+    NUMBER,
+    UNICODE_BLANK,
+    Source,
+    Span,
+    is_broken,
+    parse_number,
+    shown,
+    strip,
+)
 
 LEXER: Final = re.compile(
     rb"\r\n|[\r\n]|[ \t]++|;[^\r\n]*+|\"[^\"\r\n]*+\"?|'[^'\r\n]*+'?|" + NUMBER + rb"|[A-Za-z_$][\w$]*+|\w++|[^\r\n]"
@@ -19,7 +30,7 @@ LEXER: Final = re.compile(
 _EOL = rb"(?:\r\n|\n|\r)"
 _WS = rb"(?:[ \t]|\\[ \t]*+" + _EOL + rb")*+"
 STATEMENT: Final = re.compile(
-    rb"[ \t]*+(?:&[^\r\n]*+|(?P<word>[A-Za-z_$][\w$]*+)?"
+    rb"[ \t]*+(?:" + UNICODE_BLANK + rb"[ \t]*+)*+(?:&[^\r\n]*+|(?P<word>[A-Za-z_$][\w$]*+)?"
     rb"(?P<rest>(?:[^;\"\r\n\\]++|\"[^\"\r\n]*+\"|\\[ \t]*+" + _EOL + rb"|\\)*+)"
     rb"(?P<open>\"[^\r\n]*+)?(?:;[^\r\n]*+)?)(?:" + _EOL + rb"|\Z)"
 )

@@ -25,6 +25,9 @@ _CALLED: Final = re.compile(rb"([A-Za-z_$][\w$]*+)[ \t]*+\(")
 _DEFINED: Final = re.compile(
     rb"^[ \t]*+GLOBAL[ \t]++(?:DEF|DEFFCT[ \t]++\w++(?:\[[^\]]*+\])?+)[ \t]++([A-Za-z_$][\w$]*+)", re.I | re.M
 )
+_ANY_DEFINED: Final = re.compile(
+    rb"^[ \t]*+(?:GLOBAL[ \t]++)?+(?:DEF|DEFFCT[ \t]++\w++(?:\[[^\]]*+\])?+)[ \t]++([A-Za-z_$][\w$]*+)", re.I | re.M
+)
 _SHARED: Final = re.compile(rb"^[ \t]*+(?:DECL[ \t]++)?+GLOBAL\b", re.I | re.M)
 _KNOWN: Final = KEEPS_FRAMES | {"BAS"}
 """Routines of the system whose effects are known without reading them."""
@@ -62,6 +65,11 @@ def needed(programs: Iterable[Path], libraries: Iterable[Path]) -> list[Path]:
 def defined_in(module: str, text: bytes) -> set[str]:
     """Return the routines of a module that others may call."""
     return {module, *_names(_DEFINED, text)}
+
+
+def all_defined_in(text: bytes) -> set[str]:
+    """Return all routines that a module defines, those that only it calls included."""
+    return _names(_ANY_DEFINED, text)
 
 
 def _always(path: Path, text: bytes) -> bool:

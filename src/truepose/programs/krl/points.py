@@ -14,7 +14,7 @@ from truepose.geometry import euler, make_transform
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import FdatFrames, InForce, State
 from truepose.programs.core.joint_targets import KUKA, JointNumbers
-from truepose.programs.core.judge import Judge, NotCorrected
+from truepose.programs.core.judge import WITHIN, Judge, NotCorrected
 from truepose.programs.core.points import JOINTS as JOINT_TARGET
 from truepose.programs.core.points import Frame, Place, Point, Problem, Use, at, how_to_state, stated_frame
 from truepose.programs.core.program import KnownFrames, ReadOptions
@@ -280,8 +280,8 @@ class KrlJudge(Judge):
             reason = f"{system} is known at run time only: {value.text}; set it to a constant before this motion"
             if value.pose is None:
                 raise NotCorrected("refuse", reason)
-            if self._options.frame_tolerance is None:
-                raise NotCorrected("refuse", f"{reason}; --frame-tolerance corrects with the stored frame")
+            if self._tolerance(which) is None:
+                raise NotCorrected("refuse", f"{reason}; {WITHIN[which]}")
         if value.pose is not None:
             tf = make_transform(euler("kuka", value.pose[3:]), value.pose[:3])
             changed = "" if value.kind == "literal" else f"{value.text}, a variable that may change"
@@ -289,25 +289,28 @@ class KrlJudge(Judge):
         number, places = value.number, self._numbers_changed
         if number and (place := places.get((which, number)) or places.get((which, None))):
             how = f"{value.text} is changed by the program ({at(place)})"
-            if which == "tool":
-                raise NotCorrected("refuse", how)
-            return Frame(value.text, number, changed=self._tolerated(number, how))
+            return Frame(value.text, number, changed=self._tolerated(which, number, how))
         return Frame(value.text, number)
 
-    def _tolerated(self, number: int, how: str) -> str:
-        """Return how a base is changed if the tolerance of the options allows that."""
-        tolerance = self._options.frame_tolerance
-        if tolerance is None:
-            raise NotCorrected("refuse", f"{how}; --frame-tolerance corrects with the stored frame")
-        if (stored := self._frames.bases.get(number)) is None:
+    def _tolerated(self, which: str, number: int, how: str) -> str:
+        """Return how a tool or base is changed if the tolerance of the options allows that."""
+        tolerance, table = self._tolerance(which), self._frames.tools if which == "tool" else self._frames.bases
+        if (stored := table.get(number)) is None:
+            if tolerance is None:
+                raise NotCorrected("refuse", how)
             return ""  # that it is not known is told
-        for value in self._set_to.get(("base", number), ()):
-            tf = self._frames.bases.get(value.number) if value.number is not None else None
+        if tolerance is None:
+            raise NotCorrected("refuse", f"{how}; {WITHIN[which]}")
+        for value in self._set_to.get((which, number), ()):
+            tf = table.get(value.number) if value.number is not None else None
             if value.pose is not None:
-                tf = self._frames.bases[0] @ make_transform(euler("kuka", value.pose[3:]), value.pose[:3])
+                tf = make_transform(euler("kuka", value.pose[3:]), value.pose[:3])
+                tf = tf if which == "tool" else self._frames.bases[0] @ tf
             if tf is not None and not tolerance.holds(stored, tf):
-                reason = f"{how}, to {value.text}, which is beyond the tolerance around the stored frame"
-                raise NotCorrected("refuse", f"{reason}; state a larger one (--frame-tolerance), or set $BASE to it")
+                kind = "tool" if which == "tool" else "frame"
+                reason = f"{how}, to {value.text}, which is beyond the tolerance around the stored {kind}"
+                larger = f"state a larger one (--{kind}-tolerance), or set ${which.upper()} to it"
+                raise NotCorrected("refuse", f"{reason}; {larger}")
         return how
 
     def _remedy(self, which: str, frame: Frame) -> str:

@@ -5,18 +5,21 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
+from truepose._io.files import read_bytes
 from truepose.errors import FileError
+from truepose.programs.core.copies import loaded_of
 from truepose.programs.core.derived import Goal as Positions
 from truepose.programs.core.order import Sweep
 from truepose.programs.core.points import FileLine, Point, Problem
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
-from truepose.programs.core.source import Source
+from truepose.programs.core.source import NotAProgramError, Source
 from truepose.programs.krl.derived import Followed
 from truepose.programs.krl.lexer import LEXER
-from truepose.programs.krl.libraries import HALF_CIRCLE, NOT_WRITTEN, needed
+from truepose.programs.krl.libraries import HALF_CIRCLE, NOT_WRITTEN, all_defined_in, defined_in, needed
 from truepose.programs.krl.module import KrlModule, Shared
 from truepose.programs.krl.motions import Goal
 from truepose.programs.krl.points import KrlJudge, Numbers, PointVariable, concerning
@@ -25,6 +28,8 @@ from truepose.programs.krl.unreadable import assume_all_of
 
 _HOME: Final = re.compile(r"X?HOME[1-5]?", re.I)
 """The home positions that every controller has in its ``$config.dat``."""
+_HOMES: Final = ("program", "system", "tp")
+"""The folders from which a controller loads modules."""
 _HOME_OF_USER: Final = re.compile(r"X?HOME\d*", re.I)
 
 
@@ -53,7 +58,9 @@ def read_project(
 ) -> Program:
     """Read the .src and .dat files of a folder as one program, whose modules share GLOBAL points and routines.
 
-    A module that cannot be read is left out. What it may do to the others is assumed of what it names.
+    A module that cannot be read is left out, and so are those that define the same. What they may do to the others is
+    assumed of what they name. Of several modules of one name, the one that the controller loads is read; where that is
+    not known, none is.
 
     Parameters
     ----------
@@ -70,42 +77,98 @@ def read_project(
     Raises
     ------
     FileError
-        If two modules have one name, or no module can be read.
+        If no module can be read.
     """
     programs = list(files)
     extra = needed(programs, libraries)
-    found = _by_name(folder, [*programs, *extra])
-    shared = Shared(options, project=True, libraries=frozenset(extra))
-    unreadable: list[FileError] = []
-    try:
-        modules = _read_modules(list(found.values()), shared)
-    except FileError:
-        broken = _broken(found, options)
+    found, copies, broken = _by_name(folder, [*programs, *extra])
+    libraries = frozenset(extra)
+    if not found:
+        raise next(iter(broken.values()))
+    while True:
         kept = [kind for name, kind in found.items() if name not in broken]
-        if not broken or not kept:
-            raise
-        shared = Shared(options, project=True, libraries=shared.libraries)
-        modules = _read_modules(kept, shared)
-        for name, why in broken.items():
-            try:
-                assume_all_of(name, found[name].values(), modules, shared)
-            except FileError:
-                raise FileError(folder, f"{why}; what it does to the other modules is not known") from None
-            unreadable += [] if shared.libraries.issuperset(found[name].values()) else [why]
-    return replace(_program(folder, modules, shared, frames), unreadable=tuple(unreadable))
+        shared = Shared(options, project=True, libraries=libraries)
+        try:
+            modules = _read_modules(kept, shared)
+            break
+        except FileError as error:
+            more = _broken({name: kind for name, kind in found.items() if name not in broken}, options)
+            more = more or _contradicting(found, broken, error)
+            if not more or len(more) == len(kept):
+                raise
+            broken |= more
+    for name, why in broken.items():
+        try:
+            assume_all_of(name, [*found.get(name, {}).values(), *copies.get(name, ())], modules, shared)
+        except FileError:
+            raise FileError(folder, f"{why}; what it does to the other modules is not known") from None
+    unreadable: list[FileError] = [
+        why
+        for name, why in broken.items()
+        if not libraries.issuperset([*found.get(name, {}).values(), *copies.get(name, ())])
+    ]
+    for name, paths in copies.items():
+        chosen = found.get(name, {})
+        if name not in broken:
+            own = {path: read_bytes(path) for path in chosen.values()}
+            different = [path for path in paths if read_bytes(path) not in own.values()]
+            assume_all_of(name, different, modules, shared, copy=True)
+            shown = next(iter(chosen.values())).relative_to(folder)
+            unreadable += [NotAProgramError(path, f"is a copy of module {name}, which is in {shown}") for path in paths]
+    return replace(_program(folder, modules, shared, frames), unreadable=tuple(dict.fromkeys(unreadable)))
 
 
-def _by_name(folder: Path, files: Iterable[Path]) -> dict[str, dict[str, Path]]:
-    """Return the files of each module by their endings; a submit is a module like a .src."""
-    found: dict[str, dict[str, Path]] = {}
+def _by_name(
+    folder: Path, files: Iterable[Path]
+) -> tuple[dict[str, dict[str, Path]], dict[str, list[Path]], dict[str, FileError]]:
+    """Return the files of each module by their endings; the files of its copies; and the errors where it is not known.
+
+    A submit is a module like a .src.
+    """
+    places: dict[str, dict[Path, dict[str, Path]]] = {}
     for file in files:
-        kind = found.setdefault(file.stem.upper(), {})
         ending = ".src" if file.suffix.lower() == ".sub" else file.suffix.lower()
+        kind = places.setdefault(file.stem.upper(), {}).setdefault(file.parent, {})
         if ending in kind:
-            shown = f"{kind[ending].relative_to(folder)} is another module of this name"
-            raise FileError(file, f"{shown}; give the folder of one controller at a time")
+            raise FileError(file, f"{kind[ending].name} differs from it in upper and lower case only; keep one")
         kind[ending] = file
-    return found
+    found: dict[str, dict[str, Path]] = {}
+    copies: dict[str, list[Path]] = {}
+    errors: dict[str, FileError] = {}
+    for name, kinds in places.items():
+        endings = [ending for kind in kinds.values() for ending in kind]
+        if len(endings) == len(set(endings)):
+            found[name] = {ending: file for kind in kinds.values() for ending, file in kind.items()}
+            continue
+        heads = {next(iter(kind.values())): kind for kind in kinds.values()}
+        chosen = loaded_of(list(heads), _HOMES, partial(_same, heads), root=folder)
+        rest = [kind for head, kind in heads.items() if head != chosen]
+        copies[name] = [file for kind in rest for file in kind.values()]
+        if chosen is not None:
+            found[name] = heads[chosen]
+        else:
+            first, second = list(heads)[:2]
+            shown = f"{first.relative_to(folder)} is another module of this name"
+            errors[name] = FileError(second, f"{shown}; keep the one that the controller loads")
+    return found, copies, errors
+
+
+def _same(kinds: Mapping[Path, Mapping[str, Path]], first: Path, second: Path) -> bool:
+    """Return whether two modules have the same files, as they are on the disk."""
+    one, other = kinds[first], kinds[second]
+    return one.keys() == other.keys() and all(read_bytes(one[key]) == read_bytes(other[key]) for key in one)
+
+
+def _contradicting(
+    found: Mapping[str, Mapping[str, Path]], known: Mapping[str, FileError], error: FileError
+) -> dict[str, FileError]:
+    """Return the module that an error names, and those that define a routine of it."""
+    at = Path(error.path)
+    texts = {name: read_bytes(kind[".src"]) for name, kind in found.items() if name not in known and ".src" in kind}
+    named = [name for name, kind in found.items() if at in kind.values() and name not in known]
+    defined = {name: defined_in(name, text) for name, text in texts.items()}
+    own = {one for name in named for one in all_defined_in(texts.get(name, b""))}
+    return dict.fromkeys([*named, *(name for name, routines in defined.items() if routines & own)], error)
 
 
 def _read_modules(kinds: Sequence[Mapping[str, Path]], shared: Shared) -> list[KrlModule]:

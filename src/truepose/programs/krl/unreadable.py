@@ -20,23 +20,28 @@ _FRAME_USED: Final = re.compile(
     rb"\$(?:TOOL|BASE)[ \t]*+=[ \t]*+(?:TOOL|BASE)_DATA\b|\b(TOOL|BASE)_DATA[ \t]*+(?=[\[.=,)])", re.I
 )
 _WORLD_SET: Final = re.compile(rb"\$(?:ROBROOT|WORLD)\b[ \t]*+(?:\.[ \t]*+\w++[ \t]*+)?+=(?!=)", re.I)
+_DECLARED: Final = re.compile(rb"^[ \t]*+DECL[ \t]++(?:GLOBAL[ \t]++)?+\w++[ \t]++([A-Za-z_$][\w$]*+)", re.I | re.M)
 _INTERRUPT: Final = re.compile(
     rb"^[ \t]*+(GLOBAL[ \t]++)?+INTERRUPT\b[^\r\n;]*?\bDO[ \t]++([A-Za-z_$][\w$]*+)[ \t]*+\(", re.I | re.M
 )
 
 
-def assume_all_of(name: str, files: Iterable[Path], modules: Sequence[KrlModule], shared: Shared) -> None:
+def assume_all_of(
+    name: str, files: Iterable[Path], modules: Sequence[KrlModule], shared: Shared, *, copy: bool = False
+) -> None:
     """Let a module that cannot be read do whatever its words allow.
 
     GLOBAL points that it names are not corrected, and neither are targets in frames that it may change. Its routines
     leave tool and base unknown, may begin the shifts that it names, and may call the routines that it names. An encoded
-    module may name every GLOBAL point.
+    module may name every GLOBAL point. A copy of a module that can be read hides the points that it declares itself.
     """
     for path in files:
         text, place = read_bytes(path), FileLine(path.name, 1)
         encoded = is_encoded(text)
         words = set() if encoded else {word.decode("latin-1").upper() for word in set(_WORD.findall(text))}
         taught = {f"X{fdat[1:]}" for fdat in words & shared.fdats.keys()}
+        if copy:
+            words -= {m[1].decode("latin-1").upper() for m in _DECLARED.finditer(text)}
         for point in shared.points if encoded else (words | taught) & shared.points.keys():
             shared.points[point].reads[None].append((place, f"named by {name}, which cannot be read"))
         if encoded:

@@ -12,7 +12,7 @@ from truepose.programs.core import shifts
 from truepose.programs.core.flow import UNSET, BlockError, InForce
 from truepose.programs.core.forms import Lines, is_run
 from truepose.programs.core.points import Point, Problem, at
-from truepose.programs.core.source import Source
+from truepose.programs.core.source import NotAProgramError, Source
 from truepose.programs.rapid import syntax
 from truepose.programs.rapid.columns import NamedTargets, at_line, blank_in_name, prefix_of
 from truepose.programs.rapid.data import frame_data, jointtarget, robtarget
@@ -31,6 +31,7 @@ from truepose.programs.rapid.names import (
 from truepose.programs.rapid.runs import NUMBERS, RapidRuns
 from truepose.programs.rapid.shifted import assign, counter_of, give_points
 from truepose.programs.rapid.syntax import Argument, Token, Value, is_list
+from truepose.programs.rapid.unreadable import is_encoded, names_module
 from truepose.programs.rapid.words import (
     DATA,
     DISPLACEMENTS,
@@ -63,6 +64,10 @@ class RapidModule:
 
     def __init__(self, source: Source, task: RapidTask, *, columns: bool = True) -> None:
         self.source, self._task = source, task
+        if is_encoded(source.data):
+            raise FileError(source.path, "is encoded or no text and cannot be read; what it does is not known")
+        if not names_module(source.data):
+            raise NotAProgramError(source.path, "has no MODULE: it is no RAPID module")
         self._options, self._flow = task.options, task.flow
         self._runs = RapidRuns(source, named=columns)
         self._pieces = list(syntax.pieces(source, self._runs.find))

@@ -8,14 +8,17 @@ the whole task was read.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 
+from truepose._io.files import read_bytes
 from truepose.errors import FileError
+from truepose.programs.core.copies import loaded_of
 from truepose.programs.core.flow import UNSET, BlockError, State
 from truepose.programs.core.forms import Run
 from truepose.programs.core.judge import Judge
@@ -23,19 +26,25 @@ from truepose.programs.core.order import Sweep
 from truepose.programs.core.points import Place, Problem, Use
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.shifts import problem_of as shifted_by
-from truepose.programs.core.source import PLAIN_LEXER, Source
+from truepose.programs.core.source import PLAIN_LEXER, NotAProgramError, Source
 from truepose.programs.rapid import sharing
 from truepose.programs.rapid.columns import at_line
 from truepose.programs.rapid.derived import Reach
 from truepose.programs.rapid.module import RapidModule
 from truepose.programs.rapid.names import RapidMotion, RapidTask, Scope
 from truepose.programs.rapid.runs import OF_NAMED, run_of
+from truepose.programs.rapid.unreadable import LeftOut, assume_all_of, declared_in, left_out, module_of, statements_of
 
 _ALONE: Final = Problem(
     "refuse",
     "global to the task: other modules may move to it under other workobjects; give the files of the whole task, state "
     "that these are all (--whole-task), or declare it LOCAL",
 )
+
+
+_HOMES: Final = ("progmod", "sysmod")
+"""The folders in which a controller keeps the modules of a task."""
+_Name = TypeVar("_Name", str, tuple[str, str])
 
 
 class TaskFiles(NamedTuple):
@@ -57,6 +66,8 @@ class TaskFiles(NamedTuple):
         The reason why no target of the task is corrected, such as another robot; empty if there is none.
     frames : KnownFrames, optional
         The tools and bases, where they are not those of the other tasks.
+    aside : mapping of Path to FileError
+        Modules among the files that are left out, each with the reason: what they name is not trusted.
     """
 
     path: Path
@@ -66,6 +77,7 @@ class TaskFiles(NamedTuple):
     hidden: str = ""
     problem: str = ""
     frames: KnownFrames | None = None
+    aside: Mapping[Path, FileError] = {}
 
 
 def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
@@ -86,7 +98,8 @@ def read_tasks(
     """Read the tasks of one controller.
 
     A tool or workobject that one task changes counts as changed in all that share it, because PERS data of one name
-    are one variable.
+    are one variable. A module that cannot be read, or that has the name or data of another one, is left out; what it
+    names is not trusted. `Program.unreadable` has the reasons.
 
     Parameters
     ----------
@@ -106,19 +119,23 @@ def read_tasks(
     Raises
     ------
     FileError
-        If a module is broken, or two modules declare one name.
+        If all modules of a task are broken, or contradict each other.
     """
+    given = [TaskFiles(*task) for task in tasks]
     opened: list[_Task] = []
-    left_out: list[TaskFiles] = []
-    for given in tasks:
-        files = TaskFiles(*given)
+    unread: list[TaskFiles] = []
+    failed: list[FileError] = []
+    for k, files in enumerate(given):
         try:
             opened.append(_Task(files, options, whole=whole))
         except FileError as error:
+            if fewer := without_broken(files, options):
+                again = [*given[:k], fewer, *given[k + 1 :]]
+                return read_tasks(again, frames, options, whole=whole, every=every, broken=broken)
             if broken is None:
                 raise
-            broken.append(error)
-            left_out.append(files)
+            failed.append(error)
+            unread.append(files)
     sharing.reconcile([(task.files.path.name, task.data) for task in opened])
     read: list[_Task] = []
     for task in opened:
@@ -126,38 +143,115 @@ def read_tasks(
             task.read()
             read.append(task)
         except FileError as error:
+            if fewer := without_broken(task.files, options):
+                again = [fewer if files is task.files else files for files in given]
+                return read_tasks(again, frames, options, whole=whole, every=every, broken=broken)
             if broken is None:
                 raise
-            broken.append(error)
-            left_out.append(task.files)
-    unread = sharing.Unread([path for files in left_out for path in files.files], [f.path.name for f in left_out])
+            failed.append(error)
+            unread.append(task.files)
+    if broken is not None:
+        broken += failed
+    aside = [source.path for task in read for source in task.left]
+    elsewhere = sharing.Unread([path for files in unread for path in files.files], [f.path.name for f in unread], aside)
     all_data = [task.data for task in read]
     programs = []
     for task in read:
         others = [data for data in all_data if data is not task.data]
-        task.data.changed.update(sharing.changed_elsewhere(task.data, others, unread))
-        sharing.leave_variables(task.data, others, unread, every=every)
+        task.data.changed.update(sharing.changed_elsewhere(task.data, others, elsewhere))
+        sharing.leave_variables(task.data, others, elsewhere, every=every)
         programs.append(task.program(task.files.frames or frames))
     return programs
 
 
+def without_broken(files: TaskFiles, options: ReadOptions) -> TaskFiles | None:
+    """Return a task without the modules that keep the others from being read; None where there are none, or no others.
+
+    They are those that cannot be read alone. Where all can, they are those that declare what another one declares, but
+    for the one of several with one name that the controller loads.
+    """
+    more = _broken_alone(files, options) or _contradicting(files)
+    rest = [path for path in files.files if path not in files.aside and path not in more]
+    return files._replace(aside={**files.aside, **more}) if more and rest else None
+
+
+def _broken_alone(files: TaskFiles, options: ReadOptions) -> dict[Path, FileError]:
+    found: dict[Path, FileError] = {}
+    for path in files.files:
+        try:
+            if path not in files.aside:
+                _Task(TaskFiles(path, [path]), options, whole=False).read()
+        except FileError as error:
+            found[path] = error
+    return found
+
+
+def _contradicting(files: TaskFiles) -> dict[Path, FileError]:
+    """Return the modules of one name but for the loaded one; where there are none, all that declare the same."""
+    texts = {path: read_bytes(path) for path in files.files if path not in files.aside}  # not as a proof has them
+    found: dict[Path, FileError] = {}
+    for name, paths in _having({path: {module_of(text)} for path, text in texts.items()}):
+        chosen = loaded_of(
+            paths, _HOMES, lambda a, b: statements_of(texts[a]) == statements_of(texts[b]), root=_root(files)
+        )
+        for path in paths:
+            other = chosen or next(one for one in paths if one != path)
+            if chosen is None:
+                why = f"module {name} is in {other}, too, and is another one; keep the one that the controller loads"
+                found[path] = FileError(path, why)
+            elif path != chosen:
+                found[path] = NotAProgramError(path, f"is a copy of module {name}, which is in {chosen}")
+    for (_, name), paths in _having({path: declared_in(text) for path, text in texts.items() if path not in found}):
+        why = f"{name} is declared in {paths[1]}, too; give the files of one task at a time"
+        error = FileError(paths[0], why)
+        for path in paths:
+            found.setdefault(path, error)
+    return found
+
+
+def _having(names: Mapping[Path, set[_Name]]) -> Iterator[tuple[_Name, list[Path]]]:
+    """Yield the names that several files have, each with these."""
+    owners: dict[_Name, list[Path]] = {}
+    for path, some in names.items():
+        for name in some:
+            owners.setdefault(name, []).append(path)
+    yield from sorted((name, paths) for name, paths in owners.items() if len(paths) > 1)
+
+
+def _root(files: TaskFiles) -> Path:
+    return Path(os.path.commonpath([path.parent for path in files.files]))
+
+
 class _Task:
-    """A task on its way from files to a program."""
+    """A task on its way from files to a program.
+
+    Attributes
+    ----------
+    files : TaskFiles
+        The files.
+    data : RapidTask
+        What its modules share.
+    left : list of Source
+        The modules that are left out, whose names are not trusted.
+    """
 
     def __init__(self, files: TaskFiles, options: ReadOptions, *, whole: bool) -> None:
         self.files = files
         with self._named():
-            self._sources = tuple([Source.read(file) for file in files.files])
-            self._open(options, whole=whole)
+            self._sources = tuple([Source.read(file) for file in files.files if file not in files.aside])
+            left = left_out(files.files, files.aside)
+            self.left = left.sources
+            self._open(options, left, whole=whole)
 
-    def _open(self, options: ReadOptions, *, whole: bool) -> None:
+    def _open(self, options: ReadOptions, left: LeftOut, *, whole: bool) -> None:
         """Let all modules declare; without columns, if two robtargets have one name, which the error then says."""
         files = self.files
         names = frozenset(source.path.name.lower() for source in self._sources)
-        unread = "" if options.whole_task else files.unread
+        unread = "" if options.whole_task else files.unread or left.unknown
+        hidden = files.hidden or left.spare
         for columns in (True, False):
             self.data = RapidTask(
-                options, whole and not unread, unread, files.hidden, named=len(self._sources) > 1, files=names
+                options, whole and not unread, unread, hidden, named=len(files.files) > 1, files=names
             )
             self._modules = [RapidModule(source, self.data, columns=columns) for source in self._sources]
             first: dict[str, RapidModule] = {}
@@ -180,6 +274,8 @@ class _Task:
     def read(self) -> None:
         """Read the statements of all modules, and follow the displacements."""
         with self._named():
+            for source in self.left:
+                assume_all_of(source, self.data)
             for module in self._modules:
                 module.read()
             self.data.change_handed()
@@ -205,7 +301,8 @@ class _Task:
             runs.append((sweep, run))
         targets, circles = judge.program_targets(data.points, data.circles, runs, self._sources)
         root = None if path in self.files.files else path
-        return Program(path, self._sources, targets, circles, PLAIN_LEXER, root=root)
+        aside = tuple(dict.fromkeys(self.files.aside.values()))
+        return Program(path, self._sources, targets, circles, PLAIN_LEXER, root=root, unreadable=aside)
 
     @contextmanager
     def _named(self) -> Iterator[None]:

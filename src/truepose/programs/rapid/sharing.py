@@ -28,20 +28,31 @@ class Unread:
         Their modules.
     tasks : sequence of str
         Their names.
+    aside : sequence of Path
+        The modules that are left out of tasks that can be read.
     """
 
-    def __init__(self, paths: Sequence[Path], tasks: Sequence[str]) -> None:
+    def __init__(self, paths: Sequence[Path], tasks: Sequence[str], aside: Sequence[Path] = ()) -> None:
         self.tasks = tasks
-        self._names: set[str] = set()
-        for path in paths:
-            text = Source.read(path).data
-            declared = [m.start(1) for m in _DECLARED.finditer(text)]
-            places = {m.start(): m[0] for m in _WORD.finditer(text)}
-            self._names |= {word.decode("latin-1").upper() for place, word in places.items() if place not in declared}
+        self._names, self._aside = (_named_in(some) for some in (paths, aside))
 
     def names(self, name: str) -> bool:
-        """Return whether they name something other than in a declaration."""
+        """Return whether the tasks name something other than in a declaration."""
         return name.upper() in self._names
+
+    def names_aside(self, name: str) -> bool:
+        """Return whether modules that are left out do."""
+        return name.upper() in self._aside
+
+
+def _named_in(paths: Sequence[Path]) -> set[str]:
+    found: set[str] = set()
+    for path in paths:
+        text = Source.read(path).data
+        declared = [m.start(1) for m in _DECLARED.finditer(text)]
+        places = {m.start(): m[0] for m in _WORD.finditer(text)}
+        found |= {word.decode("latin-1").upper() for place, word in places.items() if place not in declared}
+    return found
 
 
 def reconcile(tasks: Sequence[tuple[str, RapidTask]]) -> None:
@@ -125,6 +136,8 @@ def _why_left(
         return ""
     if unread.tasks:
         return f"{', '.join(unread.tasks)} cannot be read and may write it"
+    if unread.names_aside(variable.name):
+        return "a module that is left out names it and may write it"
     if not every:
         return "another task of the controller may write it (give its whole backup, or declare it TASK PERS)"
     if (other := elsewhere.get(variable.name.upper())) is not None:

@@ -37,7 +37,7 @@ class _Told(NamedTuple):
 
     steps: tuple[str | tuple[int, str], ...]
     loops: bool
-    changes: tuple[tuple[FileLine, bytes], ...]
+    changes: tuple[tuple[FileLine, bytes, tuple[float, ...]], ...]
 
 
 class Beside:
@@ -63,8 +63,8 @@ class Beside:
             for name in self._told:
                 self._follow(name)
 
-    def changes(self, name: str) -> list[tuple[FileLine, bytes]]:
-        """Return the instructions of all programs but one that change a frame or a tool."""
+    def changes(self, name: str) -> list[tuple[FileLine, bytes, tuple[float, ...]]]:
+        """Return the instructions of all programs but one that change a frame or a tool, with the constants set."""
         return [one for other, told in self._told.items() if other != name for one in told.changes]
 
     def _size(self) -> int:
@@ -117,9 +117,9 @@ def _tell(path: Path) -> _Told:
             elif begun := kind.begins.search(code):
                 steps.append((k, f"{shown(begun[0].rstrip())} (line {source.line(m.start())} of {path.name})"))
         steps += [called.decode("latin-1").upper() for called in CALL.findall(code)]
-    changes = effects_of(data).changes
+    effects = effects_of(data)
     return _Told(
         tuple(steps),
         _LOOPS.search(data) is not None,
-        tuple([(FileLine(path.name, line), code) for line, code in changes]),
+        tuple([(FileLine(path.name, line), code, effects.constant_in(line)) for line, code in effects.changes]),
     )

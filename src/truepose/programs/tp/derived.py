@@ -102,10 +102,15 @@ class Facts:
                 return None if values is None else values[axis]
         return None
 
-    def is_stored(self, code: bytes, tf: FloatArray | None) -> bool:
-        """Return whether an instruction sets a frame to a register whose stored value is that frame already."""
+    def is_stored(self, code: bytes, tf: FloatArray | None, constants: tuple[float, ...] = ()) -> bool:
+        """Return whether an instruction sets a frame to its stored value.
+
+        That is the value of a register in POSREG.VA, or `constants`, X, Y, Z [mm], W, P, R [deg], that the program
+        writes to the register before.
+        """
         m = _FROM_REGISTER.search(code)
-        values = [self.number(("PR", int(m[1]), axis)) for axis in range(6)] if m else []
+        values: list[float | None] = list(constants) if self.group == 1 else []
+        values = values or ([self.number(("PR", int(m[1]), axis)) for axis in range(6)] if m else [])
         known = [value for value in values if value is not None]
         if tf is None or len(known) < 6:
             return False

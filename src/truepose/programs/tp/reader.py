@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -26,7 +26,7 @@ from truepose.programs.tp.beside import read_beside
 from truepose.programs.tp.derived import MONITORED, Facts, RegisterFlow, is_macro
 from truepose.programs.tp.followers import Follower, Followers
 from truepose.programs.tp.positions import IN_FORCE, REMOTE, VALUES, Positions, Taught
-from truepose.programs.tp.registers import Effects, Registers
+from truepose.programs.tp.registers import Effects, Registers, effects_of
 from truepose.programs.tp.sections import NUMBERED, REMARK, add_line, read_sections
 from truepose.programs.tp.words import check_language
 
@@ -110,6 +110,10 @@ class _Reader(Reader):
         self._monitored: Problem | None = None
         self._group = frames.groups.robot
 
+    @cached_property
+    def _effects(self) -> Effects:
+        return effects_of(self.source.data)
+
     def read(self) -> Program:
         instructions, start, end, tracked, self._mask = read_sections(self.source)
         self._positions = Positions(self.source, self.options, start, end, self._group)
@@ -132,9 +136,9 @@ class _Reader(Reader):
         self.points = [*self._positions.ordered(), *self.points]
         for name, effects in self._registers.programs.items():
             for line, code in effects.changes if name != self._name else ():
-                self._change(code, FileLine(f"{name}.LS", line))
-        for place, code in [] if self._registers.programs else self._beside.changes(self._name):
-            self._change(code, place)
+                self._change(code, FileLine(f"{name}.LS", line), effects.constant_in(line))
+        for place, code, values in [] if self._registers.programs else self._beside.changes(self._name):
+            self._change(code, place, values)
         return self.program("fanuc", finest=1e-3, runs=self._runs)
 
     def _closed(self, instructions: Iterable[Instruction | Lines]) -> Iterator[Instruction | Lines]:
@@ -222,15 +226,19 @@ class _Reader(Reader):
             self._derived.moves(line)  # the robot stands where it did, but in other numbers
             if conditional:
                 flow.end("ENDIF", "IF")
-        self._change(code, line)
+        if next(tp_frames.changed(code, self._group), None) is not None:
+            self._change(code, line, self._effects.constant_in(line))
         self._calls(line, code)
         self._control(line, code.strip(b" \t;").upper())
 
-    def _change(self, code: bytes, place: Place) -> None:
-        """Note the frames that an instruction changes, unless it sets them to their stored values."""
+    def _change(self, code: bytes, place: Place, constants: tuple[float, ...] = ()) -> None:
+        """Note the frames that an instruction changes, unless it sets them to their stored values.
+
+        `constants` are those that the program has written to the register before.
+        """
         for which, key in tp_frames.changed(code, self._group):
             table = self.frames.tools if which == "tool" else self.frames.bases
-            if key is None or not self._derived.is_stored(code, table.get(key)):
+            if key is None or not self._derived.is_stored(code, table.get(key), constants):
                 self.changed.setdefault((which, key), place)
 
     def _calls(self, line: int, code: bytes) -> None:

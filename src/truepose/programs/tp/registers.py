@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final, Literal, NamedTuple, TypeVar
 
+from truepose.programs.tp.arithmetic import assignment_in, is_zero, without_comments
 from truepose.programs.tp.sections import NUMBERED, REMARK
 
 Kind = Literal["R", "PR"]
@@ -34,6 +35,15 @@ _MOVES = re.compile(rb"^[ \t]*\d*[ \t]*:?[ \t]*(?:GP\d[ \t]+)?[JLCAS][ \t]+\w+[ 
 _LABEL = re.compile(rb"[ \t]*LBL[ \t]*\[", re.I)
 _JUMP = re.compile(rb"\bLBL[ \t]*\[", re.I)
 _OPENS = re.compile(rb"FOR\b|IF\b.*\bTHEN$", re.S)
+_ELSEWHERE = re.compile(rb"\b(?:LBL|IF|ELSE|ENDIF|SELECT|FOR|ENDFOR|CALL|RUN|WAIT|WHEN|MONITOR)\b", re.I)
+"""Instructions behind which control may come from elsewhere, or before which others may run."""
+_OTHER = re.compile(rb"^[ \t]*\d*[ \t]*:[ \t]*(?![ \t!;/\r\n-])", re.M)
+"""An instruction that is no remark."""
+_CONSTANT = re.compile(rb"\(?[ \t]*([-+]?[ \t]*(?:\d{1,7}\.?\d{0,9}|\.\d{1,9}))[ \t]*\)?")
+_FROM_REGISTER = re.compile(
+    rb"[ \t]*U(?:TOOL|FRAME)[ \t]*\[[ \t]*\d{1,5}[ \t]*\][ \t]*=[ \t]*PR[ \t]*\[[ \t]*(\d{1,5})[ \t]*\]", re.I
+)
+_SAME: Final = 1e-3  # [mm, deg]
 _CONDITION = re.compile(rb"[ \t]*(?:IF|SELECT|WAIT|WHEN|SKIP)\b", re.I)
 
 
@@ -69,6 +79,12 @@ class Effects(NamedTuple):
         The instructions that name tools or user frames, and those of them that change one, each with its line.
     moves : bool
         Whether it moves the robot.
+    set_to : frozenset of (int, int, float)
+        The components that it sets to constants: register, axis (0 to 5), value [mm, deg].
+    computed : frozenset of int or None
+        The position registers that it writes in any other way; None: any of them.
+    constants : tuple of (int, tuple of 6 float)
+        The lines that set a tool or user frame to a register which holds constants there, with these.
     """
 
     written: frozenset[tuple[Kind, int | None]] = frozenset()
@@ -78,9 +94,18 @@ class Effects(NamedTuple):
     frames: tuple[tuple[int, bytes], ...] = ()
     changes: tuple[tuple[int, bytes], ...] = ()
     moves: bool = False
+    set_to: frozenset[tuple[int, int, float]] = frozenset()
+    computed: frozenset[int | None] = frozenset()
+    constants: tuple[tuple[int, tuple[float, ...]], ...] = ()
+
+    def constant_in(self, line: int) -> tuple[float, ...]:
+        """Return the constants to which a line sets a tool or user frame; nothing where they are not known."""
+        return next((values for at, values in self.constants if at == line), ())
 
 
-ANYTHING: Final = Effects(frozenset([("R", None), ("PR", None)]), frozenset([None]), moves=True)
+ANYTHING: Final = Effects(
+    frozenset([("R", None), ("PR", None)]), frozenset([None]), moves=True, computed=frozenset([None])
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +128,20 @@ class Registers:
 
     @cached_property
     def _writers(self) -> dict[tuple[Kind, int | None], list[str]]:
-        """The programs that write each register."""
-        return _by_use((name, one.written) for name, one in self.programs.items())
+        """The programs that write each register with another value than the stored one."""
+        return _by_use((name, self._changed_by(one)) for name, one in self.programs.items())
+
+    def _changed_by(self, effects: Effects) -> frozenset[tuple[Kind, int | None]]:
+        """Return the registers that a program writes, without those that it sets to what is stored in any case."""
+        different = {
+            number
+            for number, axis, value in effects.set_to
+            if (stored := self.positions.get((1, number))) is None
+            or stored.values is None
+            or abs(stored.values[axis] - value) > _SAME
+        }
+        kept = {number for number, _, _ in effects.set_to} - different - effects.computed
+        return effects.written - {("PR", number) for number in kept}
 
     @cached_property
     def _readers(self) -> dict[int | None, list[str]]:
@@ -163,21 +200,91 @@ def effects_of(data: bytes) -> Effects:
     ways = _Ways()
     calls: set[str] = set()
     frames: list[tuple[int, bytes]] = []
+    constants = _Constants()
     start, end = data.find(b"/MN"), data.find(b"/POS")
+    done = data.find(b"\n", max(start, 0)) + 1
     for line in _RELEVANT.finditer(data, max(start, 0), end if end >= 0 else len(data)):
         m = NUMBERED.match(line[0])
         code = _TEXT.sub(b"", line[0][m.end() :] if m else line[0])
         if REMARK.match(code):
             continue
+        if _OTHER.search(data, done, line.start()):  # such as a macro
+            constants.forget_all()
+        done = line.end()
         if _FRAME.search(code):
-            frames.append((data.count(b"\n", 0, line.start()) + 1, code))
+            number = data.count(b"\n", 0, line.start()) + 1
+            frames.append((number, code))
+            constants.set_frame(code, number)
         written |= writes_in(code)
         calls |= {name.decode("latin-1").upper() for name in CALL.findall(code)}
         ways.take(code)
+        constants.take(code)
     moves = _MOVES.search(data, max(start, 0), end if end >= 0 else len(data)) is not None
     changes = tuple([one for one in frames if _CHANGE.search(one[1])])
     macro = re.search(rb"/PROG[^\r\n]*\bMacro\b", data[: max(start, 0)], re.I) is not None
-    return Effects(frozenset(written), frozenset(ways.read), frozenset(calls), macro, tuple(frames), changes, moves)
+    return Effects(
+        frozenset(written),
+        frozenset(ways.read),
+        frozenset(calls),
+        macro,
+        tuple(frames),
+        changes,
+        moves,
+        frozenset(constants.set_to),
+        frozenset(constants.computed),
+        tuple(constants.found),
+    )
+
+
+class _Constants:
+    """Follows the position registers that a program sets to constants, as far as one instruction follows another."""
+
+    def __init__(self) -> None:
+        self.set_to: set[tuple[int, int, float]] = set()
+        self.computed: set[int | None] = set()
+        self.found: list[tuple[int, tuple[float, ...]]] = []
+        self._known: dict[int, list[float | None]] = {}
+
+    def take(self, code: bytes) -> None:
+        """Take the next instruction."""
+        if _ELSEWHERE.search(code):
+            self._known.clear()
+        one = assignment_in(without_comments(code, 1))
+        if one is None or one.kind != "PR" or one.number is None or one.axis == -1:
+            for number in {number for kind, number in writes_in(code) if kind == "PR"}:
+                self._forget(number)
+            return
+        number, axis = one.number, one.axis
+        if axis is None and is_zero(one.value):
+            self._known[number] = [0.0] * 6
+            self.set_to |= {(number, k, 0.0) for k in range(6)}
+        elif axis is None:
+            self._forget(number)
+        elif (m := _CONSTANT.fullmatch(one.value)) is not None:
+            value = float(m[1].replace(b" ", b""))
+            self._known.setdefault(number, [None] * 6)[axis] = value
+            self.set_to.add((number, axis, value))
+        else:
+            self._forget(number)
+
+    def forget_all(self) -> None:
+        """Note that other instructions stand before the next one."""
+        self._known.clear()
+
+    def set_frame(self, code: bytes, line: int) -> None:
+        """Note the constants to which an instruction sets a tool or user frame."""
+        m = _FROM_REGISTER.fullmatch(without_comments(code, 1).strip(b" \t;"))
+        values = self._known.get(int(m[1]), []) if m else []
+        known = tuple([value for value in values if value is not None])
+        if len(known) == 6:
+            self.found.append((line, known))
+
+    def _forget(self, number: int | None) -> None:
+        self.computed.add(number)
+        if number is None:
+            self._known.clear()
+        else:
+            self._known.pop(number, None)
 
 
 class _Ways:

@@ -40,6 +40,8 @@ class Installation:
         The features whose pose the file states, base to feature, by name.
     upright : bool
         Whether the robot stands on a level floor.
+    problem : str
+        Why the file cannot be read; empty where it can.
     """
 
     path: Path
@@ -47,6 +49,7 @@ class Installation:
     active: str = ""
     features: Mapping[str, Placed] = field(default_factory=dict)
     upright: bool = True
+    problem: str = ""
 
 
 def read_installation(path: Path) -> Installation:

@@ -7,8 +7,9 @@ that mean the corrected one. Nodes refer to each other by their places, so nothi
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -25,6 +26,7 @@ from truepose.programs.core.packed import PackedSource
 from truepose.programs.core.points import RELATIVE, RUN_TIME, Frame, Point, Problem
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions, frame_key
 from truepose.programs.core.reader import Reader
+from truepose.programs.core.source import NotAProgramError
 from truepose.programs.urp.installation import Installation, read_installation
 from truepose.programs.urp.markup import Element, parse
 from truepose.programs.urp.numbers import numbers, pose
@@ -33,6 +35,10 @@ _PLAIN: Final = frozenset(
     ["URProgram", "MainProgram", "SubProgram", "SpecialSequence", "Thread", "Event", "Timer", "children"]
 ) | frozenset(["Folder", "Loop", "If", "ElseIf", "Else", "Switch", "Case", "Default", "Until", "Move"])
 """Nodes that change neither the path nor the target of a motion."""
+_CALLED: Final = "subprogram"
+"""The tree of a subprogram in the node of its first call; further calls refer to it."""
+_NOT_EXECUTED: Final = frozenset(["suppressednode", "removedsiblings"])
+"""Nodes that a programmer has suppressed, and those that the editor keeps of what was removed, in lower case."""
 _BASE: Final = "Joint_0_name"
 _SAME_MM, _SAME_RAD = 1e-3, 1e-6
 _TCP: Final = re.compile(rb"(?<![\w.])set_tcp\s*\(")
@@ -51,29 +57,51 @@ class _Text(NamedTuple):
 
 
 def read(
-    path: Path, frames: KnownFrames, options: ReadOptions, *, installations: Mapping[str, Installation] | None = None
+    path: Path,
+    frames: KnownFrames,
+    options: ReadOptions,
+    *,
+    installations: Mapping[str, Sequence[Installation]] | None = None,
 ) -> Program:
     """Read a .urp file; a FileError names the line if it is broken.
 
-    `installations` are those of the controller by their names in lower case; without them the one beside the file is
-    read, if there is one.
+    `installations` are those of the controller by their names in lower case, several where folders have their own;
+    without them the one beside the file is read, if there is one.
     """
     source = PackedSource.read(path)
     root = parse(source)
     if root.tag != "URProgram":
-        raise source.error(root.line, f"begins with <{root.tag}>, expected <URProgram>")
+        raise NotAProgramError(path, f"begins with <{root.tag}>, expected <URProgram>")
     name = root.get("installation")
-    known = _beside(path, name) if installations is None else installations.get(name.lower())
-    missing = f"{name}.installation" if installations is not None and known is None and name else ""
+    known: Sequence[Installation]
+    if installations is None:
+        known = _beside(path, name)
+    else:
+        known = _nearest(path, installations.get(name.lower(), ()), root.get("installationRelativePath"))
+    missing = f"{name}.installation" if installations is not None and not known and name else ""
     return _Reader(source, frames, options, root, known, missing).read()
 
 
-def _beside(path: Path, name: str) -> Installation | None:
-    """Return the installation of a program that is read alone; None where there is none."""
+def _beside(path: Path, name: str) -> list[Installation]:
+    """Return the installation of a program that is read alone; none where there is none."""
     if not _FILE_NAME.fullmatch(name):
-        return None
+        return []
     file = path.with_name(f"{name}.installation")
-    return read_installation(file) if path_exists(file) else None
+    return [read_installation(file)] if path_exists(file) else []
+
+
+def _nearest(path: Path, known: Sequence[Installation], relative: str) -> Sequence[Installation]:
+    """Return the installations of a name that a program may mean.
+
+    They are the one whose path it states, else that of its folder or of the next one around; where none is there, all.
+    """
+    if len(known) < 2:
+        return known
+    if relative:
+        named = os.path.normpath(path.parent / relative.replace("\\", "/")).removesuffix(".installation").lower()
+        if found := [one for one in known if str(one.path.with_suffix("")).lower() == named]:
+            return found
+    return next((found for folder in path.parents if (found := [i for i in known if i.path.parent == folder])), known)
 
 
 class _Reader(Reader):
@@ -85,12 +113,18 @@ class _Reader(Reader):
         frames: KnownFrames,
         options: ReadOptions,
         root: Element,
-        installation: Installation | None,
+        installations: Sequence[Installation],
         missing: str,
     ) -> None:
         super().__init__(source, frames, options)
-        self._root, self._installation, self._missing = root, installation, missing
-        found = [(_code_of(element).encode(), element.line) for element in root.walk()]
+        self._root, self._installations, self._missing = root, installations, missing
+        self._executed = list(_executed(root))
+        self._calls: dict[int | None, list[Element]] = {}  # by their trees; of those at None, that is not known
+        for element in self._executed:
+            if element.tag == _CALLED:
+                tree = element.at(element.get("reference")) if "reference" in element.attributes else element
+                self._calls.setdefault(None if tree is None else id(tree), []).append(element)
+        found = [(_code_of(element).encode(), element.line) for element in self._executed]
         self._code = [_Text(code, line) for code, line in found if code]
         self._named = {m[0].decode(): text.line for text in self._code for m in _NAME.finditer(text.code)}
         self._written: dict[int, Point] = {}
@@ -101,8 +135,9 @@ class _Reader(Reader):
             if "reference" not in waypoint.attributes:
                 self._written[id(waypoint)] = self._point(waypoint)
         whole = self._shifted()
-        for waypoint in waypoints:
-            self._use(waypoint, whole)
+        for waypoint in self._executed:
+            if waypoint.tag == "Waypoint":
+                self._use(waypoint, whole)
         self.points += self._written.values()
         for text in self._code:
             if m := _MOTION.search(text.code):
@@ -153,12 +188,12 @@ class _Reader(Reader):
         written = waypoint.at(waypoint.get("reference")) if "reference" in waypoint.attributes else waypoint
         point = None if written is None else self._written.get(id(written))
         move = next((around for around in waypoint.around() if around.tag in ("Move", "MainProgram")), None)
-        strange = next((around.tag for around in waypoint.around() if around.tag not in _PLAIN), "")
+        strange = next((around.tag for around in self._around(waypoint, set()) if around.tag not in _PLAIN), "")
         if point is not None and strange:
             inside = Problem("refuse", f"inside <{strange}>, which may change where it leads")
             point.uses.append(self.use("Waypoint", waypoint.line, None, None, inside))
             return
-        if point is None or written is None or move is None or move.tag != "Move":
+        if point is None or written is None or move is None or not (move.tag == "Move" or move.get("motionType")):
             alone = Problem("refuse", "a waypoint that refers to none, or outside of a Move node, is not understood")
             self.other("Waypoint", waypoint.line, alone, f"Waypoint:{waypoint.line}")
             return
@@ -170,6 +205,23 @@ class _Reader(Reader):
             problem = problem or self._objection(move, written, tcp)
         point.uses.append(self.use(word, waypoint.line, tool, None, problem))
 
+    def _around(self, element: Element, seen: set[int]) -> Iterator[Element]:
+        """Yield the nodes around one as it is executed: those around a subprogram are those of its calls."""
+        for around in element.around():
+            if around.tag.lower() != _CALLED:
+                yield around
+                continue
+            if id(around) not in seen:
+                seen.add(id(around))
+                for call in (*self._calls.get(id(around), ()), *self._calls.get(None, ())):
+                    node = call.parent
+                    while node is not None and node.tag == "CallSubProgram":
+                        node = node.parent
+                    if node is not None:
+                        yield node
+                        yield from self._around(node, seen)
+            return
+
     def _shifted(self) -> Problem | None:
         """Return the reason why motions of the program may be shifted, or made with another TCP."""
         begun = shifts.begun(shifts.UR, [(text.line, text.code) for text in self._code])
@@ -178,7 +230,7 @@ class _Reader(Reader):
         for text in self._code:
             if _TCP.search(text.code):
                 return Problem("refuse", f"a Script node sets the TCP (line {text.line}): it may be any at the motion")
-        for element in self._root.walk():
+        for element in self._executed:
             if element.tag not in _OWN_TCP and "tcp" in f"{element.tag} {element.get('type')}".lower():
                 return Problem("refuse", f"<{element.tag}> (line {element.line}) may set the TCP: it may be any")
         return None
@@ -186,16 +238,18 @@ class _Reader(Reader):
     def _objection(self, move: Element, waypoint: Element, tcp: FloatArray) -> Problem | None:
         """Return the reason why a motion leads elsewhere than to the pose that was taught."""
         chosen = move.child("tcp")
-        installation = self._installation
-        if installation is not None:
+        for installation in self._installations:
+            if installation.problem:
+                return Problem("refuse", f"its installation is not known: {installation.problem}")
             name = installation.active if chosen is None else chosen.get("referencedName") or chosen.get("name")
             now = installation.tcps.get(name)
             if now is not None and not _same(now.tf, tcp):
                 taught = f"it was taught with another TCP than {name} of {installation.path.name}, line {now.line}"
                 return Problem("refuse", f"{taught}, which is in force: teach it again")
-        return self._feature_objection(move, waypoint)
+        objections = (self._feature_objection(move, waypoint, one) for one in self._installations or (None,))
+        return next((problem for problem in objections if problem is not None), None)
 
-    def _feature_objection(self, move: Element, waypoint: Element) -> Problem | None:
+    def _feature_objection(self, move: Element, waypoint: Element, installation: Installation | None) -> Problem | None:
         feature, taught = move.child("feature"), waypoint.child("BaseToFeature")
         referred = None if feature is None else feature.get("reference")
         if feature is not None and referred:
@@ -207,7 +261,7 @@ class _Reader(Reader):
         if name == _BASE:
             now: FloatArray | None = np.eye(4)
         else:
-            placed = None if self._installation is None else self._installation.features.get(name)
+            placed = None if installation is None else installation.features.get(name)
             now = self.frames.bases.get(frame_key(name)) if placed is None else placed.tf
         if self._missing and name != _BASE:
             return Problem("refuse", f"feature {name} is not known: {self._missing} is not in the backup; add it")
@@ -218,6 +272,16 @@ class _Reader(Reader):
         if _same(now, then) or _same(invert_transform(now), then):
             return None
         return Problem("refuse", f"the feature {name} is not where it was when the waypoint was taught: teach it again")
+
+
+def _executed(root: Element) -> Iterator[Element]:
+    """Yield the element and all below it that the controller executes, in the order of the text."""
+    waiting = [root]
+    while waiting:
+        element = waiting.pop()
+        if element.tag.lower() not in _NOT_EXECUTED:
+            yield element
+            waiting += reversed(element.children)
 
 
 def _code_of(element: Element) -> str:

@@ -29,6 +29,7 @@ class ReadingOptions(BaseModel):
     offsets: bool = False
     derived: bool = False
     frame_tolerance: _Word = ""
+    tool_tolerance: _Word = ""
     angles: _Word = ""
     joint_targets: bool = False
     controller_kinematics: bool = False
