@@ -286,7 +286,8 @@ def _checked(program: Program) -> dict[str, Any]:
     from truepose.programs.unnamed_tools import with_measured_tool
 
     unnamed = with_measured_tool(program)
-    return {"file": program.path, **program.counts(), "following": program.following, "without_tool": unnamed}
+    counts: dict[str, int] = {**program.counts()}
+    return {"file": program.path, **counts, "following": program.following, "without_tool": unnamed}
 
 
 def _readers(workers: int) -> AbstractContextManager[Executor | None]:
