@@ -11,6 +11,7 @@ from truepose._typing import FloatArray, IntArray
 from truepose.numerics.frozen import Constants
 from truepose.numerics.frozen_deviation import Deviation
 from truepose.predictors.distances import DistanceRows
+from truepose.predictors.tails import Tails
 
 
 @runtime_checkable
@@ -128,3 +129,11 @@ class RobustlyJudging(Protocol):
 
     def robust_surprise(self) -> FloatArray:
         """Return the length of each reading's residual in standard deviations, both by the robust fit, (n,)."""
+
+
+@runtime_checkable
+class TailKnowing(Protocol):
+    """A fitted predictor that knows whether readings have heavier tails than normal noise."""
+
+    def tails(self) -> Tails:
+        """Return the tails of the noise of the readings of the samples."""
