@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
 from truepose.error_map.conditions import knows, strange_conditions, with_conditions
+from truepose.error_map.exclusions import gross_held_out, named_gross
 from truepose.error_map.map import ErrorMap
 from truepose.error_map.orientations import mounting_of, orientation_columns
 from truepose.error_map.points import points_on_tool
@@ -217,7 +218,7 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
     if samples.distances is not None:
         what = "distances are not added to a map; leave them out, or fit a new map with all samples"
         raise samples.distances.error(what)
-    samples = _without_known(error_map.samples, samples)
+    samples = _without_gross(error_map, _without_known(error_map.samples, samples))
     e, registration = error_map.errors(samples), error_map.registration
     if knows(error_map.predictor, "time"):
         samples = _later(error_map.samples, samples)
@@ -271,6 +272,14 @@ def _without_known(old: Samples, new: Samples) -> Samples:
         return new
     left_out = [{**new.identify(i), "reason": "in the map already"} for i in np.flatnonzero(again).tolist()]
     return replace(new[~again], excluded=(*new.excluded, *left_out))
+
+
+def _without_gross(error_map: ErrorMap, new: Samples) -> Samples:
+    """Return new samples without the readings that the map and the others contradict, as `validate` judges them."""
+    expected, std = error_map.predict_reading(new)
+    left = error_map.errors(new) - expected
+    gross = gross_held_out(error_map.commanded_positions(new) if new.q is None else new.q, left, std)
+    return named_gross(new, np.linalg.norm(left, axis=1), gross) if gross.any() else new
 
 
 def _turns(error_map: ErrorMap, samples: Samples) -> FloatArray | None:

@@ -90,7 +90,9 @@ def inflation(samples: Part, residual: FloatArray, covariance: FloatArray, start
     seen = fold_residuals(some, start, random_state)
     here = some.design.turn == 0.0
     excess = factor(seen[0][here], seen[1][here], some.reading[here]) - 1.0
-    known = (1.0 - 1.0 / FOLDS) * len(some.e) / min(len(samples.e), SEARCHED)  # the share of the samples in a fold's fit
+    known = (
+        (1.0 - 1.0 / FOLDS) * len(some.e) / min(len(samples.e), SEARCHED)
+    )  # the share of the samples in a fold's fit
     return max(1.0 + excess * known, alone)
 
 

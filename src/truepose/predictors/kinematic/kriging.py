@@ -21,12 +21,12 @@ from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.inflation import MOST, Part, inflation
 from truepose.predictors.kinematic.searched import SearchedKriging
 from truepose.predictors.kinematic.summary import drift_table
-from truepose.predictors.tails import Tails, tails
 from truepose.predictors.kinematic.terms import COMPLIANCE, GEOMETRY, GROUPS, Residual, Terms
 from truepose.predictors.kinematic.turned import turned_rows, unseen, with_turns
 from truepose.predictors.kinematic.visits import SHARED
 from truepose.predictors.kinematic.weights import GROSS, ROUNDS, SETTLED, robust_weights
 from truepose.predictors.reflectors import Reflectors
+from truepose.predictors.tails import Tails, tails
 from truepose.robots import Robot
 
 EXACT_UP_TO: Final = 500
@@ -105,7 +105,7 @@ class KinematicKriging(SearchedKriging):
         The distances that the other readings contradict.
     inflation_ : float
         The factor of the predicted variances, at least 1, that makes unseen readings standard, from fits without parts
-        of the samples plus one standard error.
+        of the samples.
     log_likelihood_ : float
         The log marginal likelihood of the errors used in the search, see
         `truepose.predictors.kinematic.fitting.Search`. NaN if hyperparameters were given.
