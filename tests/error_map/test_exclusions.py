@@ -106,3 +106,22 @@ def test_validation_does_not_excuse_errors_that_neighbours_share(virtual: Virtua
     half = np.where(held_out.q[:, :1] > np.median(held_out.q[:, 0]), 5.0, 0.0)
     found = fitted.validate(replace(held_out, p_meas=held_out.p_meas + half), rivals=False)
     assert len(found["gross"]) <= 2  # at the border
+
+
+def test_an_update_keeps_old_exclusions_and_judges_new_readings_by_the_same_rule(virtual: VirtualCell, sound: Samples):
+    old = tp.fit_cell(virtual.cell, spoiled(sound, by=20.0), "kinematic-kriging")
+    new = virtual.measure(virtual.design(14, seed=2), seed=2)
+    updated = tp.update_map(old, spoiled(new, rows=(4,), by=20.0))
+    assert updated.excluded[: len(old.excluded)] == old.excluded
+    assert [row["row"] for row in updated.excluded[len(old.excluded) :]] == [4]
+    kept = tp.update_map(old, new[np.arange(14) != 4])
+    np.testing.assert_array_equal(updated.predict(sound.q).std, kept.predict(sound.q).std)
+
+
+def test_a_validation_says_how_many_readings_were_left_out(virtual: VirtualCell, sound: Samples):
+    found = tp.fit_cell(virtual.cell, spoiled(sound, by=20.0), "idw")
+    masked = replace(virtual.measure(virtual.design(14, seed=2), seed=2), excluded=({"row": 3, "reason": "masked"},))
+    validation = found.validate(masked)
+    assert validation["excluded"] == [{"row": 3, "reason": "masked"}]
+    assert validation["left_out_of_map"] == 1
+    assert "left out: 1 readings of this table, 1 of the map" in repr(validation)

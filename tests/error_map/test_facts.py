@@ -58,7 +58,7 @@ def test_only_facts_that_refuse_are_accepted() -> None:
         Fact("scale", "", size=float("nan"))
 
 
-@pytest.mark.parametrize("kind", ["moved", "drift", "scale", "reference"])
+@pytest.mark.parametrize("kind", ["moved", "drift", "scale", "reference", "alternating"])
 def test_a_fault_of_the_campaign_widens_predictions_and_corrections_alike(error_map: tp.ErrorMap, kind: str) -> None:
     fault = {
         **dict.fromkeys(("shift", "shift_std", "turn", "turn_std", "scale", "scale_std"), 0.0),

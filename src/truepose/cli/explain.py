@@ -56,10 +56,10 @@ def explain(
 
 
 def _show(found: Knowledge) -> None:
-    std = found.std_mm
+    std, left_out = found.std_mm, len(found.error_map.excluded)
     show_facts(found.error_map.facts, told=True)
     say(
-        f"[bold]{found.error_map.predictor_name}[/] of {len(found.error_map.samples)} samples.",
+        f"[bold]{found.error_map.predictor_name}[/] of {len(found.error_map.samples)} samples, {left_out} left out.",
         f"Standard deviation of a reading: {found.noise_mm:.3f} mm per axis.",
         f"Standard deviation of a corrected position {found.where}:",
         f"  mean {std['mean']:.3f} mm, P95 {std['p95']:.3f} mm, maximum {std['max']:.3f} mm (length of the vector).",

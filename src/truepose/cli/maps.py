@@ -138,6 +138,7 @@ def validate(
         f"Readings inside the predicted 68 % intervals (with measurement noise): {100 * cover['within_68']:.0f} %; "
         f"inside the 95 % intervals: {100 * cover['within_95']:.0f} %.",
         found.words[0],
+        f"Left{validation.words_left_out.removeprefix('left')}.",
     )
     if kept is not None:
         say(f"[yellow]Warning[/]: {validation.words_of_gross}.", f"Without gross readings: {kept.words[0]}")

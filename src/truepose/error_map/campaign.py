@@ -20,6 +20,7 @@ from truepose.robots import Load, Robot, error_model, thermal_columns
 from truepose.robots.nongeometric import STEEL
 from truepose.samples import Samples, name_one
 from truepose.verification import RP_PER_STD
+from truepose.verification.alternating import alternating
 from truepose.verification.campaign import FEWEST, LARGEST, Campaign, changes, noise, suspected_drift
 from truepose.verification.faults import Change, reference_change
 
@@ -33,7 +34,12 @@ _REMEDIES: Final = {
     "moved": "fit the samples before and after it as two maps, or measure again",
     "drift": "warm the robot up, check that tracker and robot base stand firmly, and measure again",
     "scale": "check the unit and the weather station of the tracker, and the robot model of the cell",
+    "alternating": "name reflectors in a column reflector, leave out the readings of one population, or measure again",
     "reference": "check that tracker, robot base and tool are fixed, and measure again",
+}
+_CAUSES: Final = {
+    "flange": "two reflectors, or two nests on the tool, were probably used in turn",
+    "base": "two trackers or stations were probably used in turn",
 }
 
 
@@ -79,6 +85,7 @@ class CampaignCheck:
             {
                 **asdict(change),
                 "rows": list(change.rows),
+                "members": list(change.members),
                 "ends": ends,
                 "words": words,
                 "stops": change.size > self.limit,
@@ -152,6 +159,9 @@ def check_campaign(
         found = changes(campaign)
         named = any(change.kind in ("drift", "moved") for change in found)
         suspected = 0.0 if named else suspected_drift(campaign)
+        two = None if named else alternating(campaign)
+    if two is not None and two.notable:
+        found.append(two)
     before, after = _references(samples, order)
     others = np.setdiff1d(np.arange(len(samples)), after)
     std = (
@@ -164,11 +174,22 @@ def check_campaign(
         found.append(reference)
     assert samples.row is not None
     ends = [[samples.identify(int(order[place])) for place in change.rows] for change in found]
+    members = [samples.rows(np.sort(order[list(change.members)])) if change.members else "" for change in found]
     rows = samples.row[order]
-    found = [replace(change, rows=(int(rows[change.rows[0]]), int(rows[change.rows[1]]))) for change in found]
+    found = [
+        replace(
+            change,
+            rows=(int(rows[change.rows[0]]), int(rows[change.rows[1]])),
+            members=tuple(sorted(rows[list(change.members)].tolist())) if change.members else (),
+        )
+        for change in found
+    ]
     limit = cell.correction.max_std_mm or max(_LEAST_LIMIT, 2.0 * (Repeatability.of(cell, robot).known or 0.0))
     tested = len(samples) if len(samples) >= FEWEST or reference is not None else 0
-    words = [_sentence(change, *map(name_one, pair)) for change, pair in zip(found, ends, strict=True)]
+    words = [
+        _two_populations(change, tested, named) if named else _sentence(change, *map(name_one, pair))
+        for change, pair, named in zip(found, ends, members, strict=True)
+    ]
     return CampaignCheck(found, words, limit, tested, suspected, ends)
 
 
@@ -204,12 +225,19 @@ def campaign_of(
             kelvin = samples.temperature - samples.temperature.mean()
             _, growth = thermal_columns(error_model(robot, tool=tf_flange_tool), samples.q, kelvin)
             columns = np.concatenate([columns, STEEL * growth], axis=2)
-    campaign = Campaign(registration.apply(samples.p_meas) - p, p, coordinates, columns, when)
+    campaign = Campaign(registration.apply(samples.p_meas) - p, p, coordinates, columns, when, _turned(robot, samples))
     if samples.load is None or np.ptp(samples.load) == 0:
         return campaign
     loaded = (samples.load - samples.load.mean()) / np.ptp(samples.load)
     bent = campaign.rigid * loaded[:, None, None] * (_LOADED * np.repeat([1.0, 1e-3], 3))
-    return Campaign(campaign.e, p, coordinates, np.concatenate([columns, bent], axis=2), when)
+    return replace(campaign, columns=np.concatenate([columns, bent], axis=2))
+
+
+def _turned(robot: Robot, samples: Samples) -> FloatArray | None:
+    """Return the orientations of the flange, or those of the tool where there are no joints, (n, 3, 3)."""
+    if samples.q is not None:
+        return np.asarray(robot.forward(samples.q)[:, :3, :3])
+    return None if samples.rotation_cmd is None else np.asarray(samples.rotation_cmd.as_matrix())
 
 
 def _of_arm(cell: Cell, robot: Robot, samples: Samples, tf_flange_tool: FloatArray) -> FloatArray:
@@ -262,6 +290,17 @@ def _references(samples: Samples, order: IntArray) -> tuple[IntArray, IntArray]:
     late = 2 * (last - first) >= len(samples) - 1
     late &= last > first
     return first[late], last[late]
+
+
+def _two_populations(change: Change, n: int, rows: str) -> str:
+    m = len(change.members)
+    by = f"{change.shift:.3f} ± {change.shift_std:.3f} mm"
+    if change.turn_std:
+        by += f" and {1e3 * change.turn:.3f} ± {1e3 * change.turn_std:.3f} mrad"
+    return (
+        f"the readings are of two populations {by} apart in the frame of the {change.frame}, {m} against {n - m}: "
+        f"{_CAUSES[change.frame]} ({rows}; p = {change.p_value:.1g})"
+    )
 
 
 def _sentence(change: Change, first: str, last: str) -> str:

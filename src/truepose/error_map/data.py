@@ -21,6 +21,7 @@ from truepose.error_map.facts import Fact
 from truepose.error_map.orientations import orientation_columns
 from truepose.error_map.points import commanded_points, reflector_columns
 from truepose.error_map.registration import check_limits, reading_noise
+from truepose.error_map.rounding import rounding_variance
 from truepose.error_map.selection import CellSamples
 from truepose.error_map.worth import FEW, LeftOut, Worth, worth
 from truepose.errors import DataError
@@ -191,9 +192,23 @@ class MapData:
             If commanded positions of the samples prove another tool than this map's.
         """
         samples = on_arm(samples, self.robot)
-        fitted = self.tool_fitted or self.p_flange_sampled is not None
-        check_arm(self.robot, samples, self.tf_flange_tool, fit="pose" if fitted else "none")
+        self.compared(samples)
         return apply_transform(self.registration.tf_base_tracker, samples.p_meas) - self.commanded_positions(samples)
+
+    def compared(self, samples: Samples) -> ArmCheck:
+        """Return the comparison of the arm and the tool of this map with the commanded positions of any samples.
+
+        Raises
+        ------
+        DataError
+            As `errors`.
+        """
+        fitted = self.tool_fitted or self.p_flange_sampled is not None
+        return check_arm(self.robot, samples, self.tf_flange_tool, fit="pose" if fitted else "none")
+
+    def rounding(self, samples: Samples, arm: ArmCheck) -> FloatArray:
+        """Return the variance of errors of samples due to rounding, (n, 3) [mm²]; see `rounding_variance`."""
+        return rounding_variance(self.robot, samples, self.tf_flange_tool, arm)
 
     def reading_noise(self, samples: Samples) -> FloatArray | None:
         """Return the known standard deviation of new readings, (n, 3) [mm], base frame.

@@ -129,7 +129,14 @@ def without_gross(samples: Samples, registration: Registration, gross: FloatArra
     gross : (n,) array
         The result of `gross_readings`.
     """
-    size = np.linalg.norm(registration.residuals, axis=1)
+    return named_gross(samples, np.linalg.norm(registration.residuals, axis=1), gross)
+
+
+def named_gross(samples: Samples, size: FloatArray, gross: FloatArray) -> Samples:
+    """Return the samples without gross readings, named in `Samples.excluded`; `size` (n,) [mm] is how far each is off.
+
+    `gross` (n,) is the result of `gross_readings` or `gross_held_out`.
+    """
     named = [{**samples.identify(i), "reason": contradicted(size[i], gross[i])} for i in np.flatnonzero(gross).tolist()]
     return replace(samples[gross == 0], excluded=(*samples.excluded, *named))
 

@@ -76,6 +76,10 @@ CODES: Final = {
     "drift": Kind("widens", "the readings drift during the campaign, which was accepted or is small"),
     "scale": Kind("widens", "measured lengths have a scale against commanded ones, which was accepted or is small"),
     "reference": Kind("widens", "reference points moved during the campaign, which was accepted or is small"),
+    "alternating": Kind(
+        "widens",
+        "the readings are of two populations, as of two reflectors used in turn, which was accepted or is small",
+    ),
     "suspected-drift": Kind("widens", "a drift of the readings is suspected, but too uncertain to be named"),
     "repeatability": Kind(
         "widens", "the stated repeatability is more than three times the usual one of the robot, which is used instead"

@@ -29,8 +29,9 @@ from truepose.error_map.repeatability import Repeatability
 from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform
 from truepose.predictors import LeaveOneOut, PosePredictor
-from truepose.predictors.abilities import Conditional
+from truepose.predictors.abilities import Conditional, TailKnowing
 from truepose.predictors.conditions import joined
+from truepose.predictors.tails import Tails
 from truepose.samples import Poses, Samples, on_arm
 from truepose.verification import RP_PER_STD
 
@@ -123,11 +124,20 @@ class PredictingMap(MapData):
     @cached_property
     def _nugget_and_known(self) -> tuple[FloatArray, FloatArray]:
         """The nugget with one standard error, that of a variance of 3n readings; the known part of it, (3,) [mm²]."""
-        nugget, reading = self.predictor.nugget_, self.predictor.noise_std_
-        noise = 0.0 if reading is None else np.mean(reading**2, axis=0)
+        nugget, reading = self.predictor.nugget_ * self._tails.share, self.predictor.noise_std_
+        noise = 0.0 if reading is None else np.mean(reading**2, axis=0) * self._tails.factor
         nugget = np.where(nugget > 0.0, nugget + np.sqrt(2.0 / (3 * len(self.samples))) * (nugget + noise), 0.0)
-        repeatability = (Repeatability.of(self.cell, self.robot).known or 0.0) / RP_PER_STD
-        return nugget, np.minimum(nugget, repeatability**2)
+        rounding = np.mean(self.rounding(self.samples, self.arm_check), axis=0)
+        return nugget, np.minimum(nugget, self._repeatability + rounding)
+
+    @cached_property
+    def _tails(self) -> Tails:
+        return self.predictor.tails() if isinstance(self.predictor, TailKnowing) else Tails()
+
+    @property
+    def _repeatability(self) -> float:
+        """The variance of a motion in each direction that is known [mm²]."""
+        return float((Repeatability.of(self.cell, self.robot).known or 0.0) / RP_PER_STD) ** 2
 
     def predict(self, poses: Poses | ArrayLike) -> Prediction:
         """Predict errors and readings at commanded poses, as ``truepose predict`` does.
@@ -204,8 +214,9 @@ class PredictingMap(MapData):
 
     def reading_std(self, samples: Samples, std: FloatArray) -> FloatArray:
         """Return the standard deviations of predictions (n, 3) [mm] with the noise of a motion and of a reading."""
-        known = self.reading_noise(samples)
-        return np.sqrt(std**2 + self._nugget_and_known[1] + (0.0 if known is None else known**2))
+        known, nugget = self.reading_noise(samples), self._nugget_and_known[0]
+        own = np.minimum(nugget, self._repeatability) + self.rounding(samples, self.compared(samples))
+        return np.sqrt(std**2 + own + (0.0 if known is None else known**2 * self._tails.factor))
 
     def predict_pose_errors(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors of position and orientation at commanded configurations, and their std.

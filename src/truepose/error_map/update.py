@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.conditions import knows, strange_conditions, with_conditions
+from truepose.error_map.exclusions import gross_held_out, named_gross
 from truepose.error_map.facts import Fact, of_import
 from truepose.error_map.map import ErrorMap
 from truepose.error_map.orientations import mounting_of, orientation_columns
@@ -237,6 +238,7 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
         what = "distances are not added to a map; leave them out, or fit a new map with all samples"
         raise samples.distances.error(what)
     samples = _with_conditions(error_map, _without_known(error_map.samples, samples))
+    samples = _without_gross(error_map, samples)
     e, registration = error_map.errors(samples), error_map.registration
     if knows(error_map.predictor, "time"):
         samples = _later(error_map.samples, samples)
@@ -314,6 +316,14 @@ def _with_load(samples: Samples, others: Samples, cell: Cell) -> Samples:
     if samples.load is not None or others.load is None or not cell.payload.mass_kg:
         return samples
     return replace(samples, load=np.full(len(samples), cell.payload.mass_kg))
+
+
+def _without_gross(error_map: ErrorMap, new: Samples) -> Samples:
+    """Return new samples without the readings that the map and the others contradict, as `validate` judges them."""
+    expected, std = error_map.predict_reading(new)
+    left = error_map.errors(new) - expected
+    gross = gross_held_out(error_map.commanded_positions(new) if new.q is None else new.q, left, std)
+    return named_gross(new, np.linalg.norm(left, axis=1), gross) if gross.any() else new
 
 
 def _turns(error_map: ErrorMap, samples: Samples) -> FloatArray | None:

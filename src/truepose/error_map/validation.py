@@ -76,6 +76,10 @@ class Validation:
         The readings that no error of the arm explains, by ``row``, ``point`` and ``line``, with the ``reason``.
     without_gross : HeldOut, optional
         The figures without them; None where none is gross.
+    excluded : list of dict
+        The rows of the table that were masked and take no part in any figure, as `Samples.excluded`.
+    left_out : int
+        The number of readings that the fit of the map left out, see `ErrorMap.excluded`.
     """
 
     figures: HeldOut
@@ -85,12 +89,19 @@ class Validation:
     better: Better | None = None
     gross: list[dict[str, Any]] = field(default_factory=list)
     without_gross: HeldOut | None = None
+    excluded: list[dict[str, Any]] = field(default_factory=list)
+    left_out: int = 0
 
     def __repr__(self) -> str:
         seen = f"\n{self.seen} of the samples took part in the fit: the figures are too good" if self.seen else ""
         better = "" if self.better is None else f"\n{self.better.words}"
         gross = f"\n{self.words_of_gross}" if self.gross else ""
-        return f"{self.figures!r}\nmap: {self.worth.brief}{seen}{better}{gross}"
+        return f"{self.figures!r}\nmap: {self.worth.brief}{seen}{better}{gross}\n{self.words_left_out}"
+
+    @property
+    def words_left_out(self) -> str:
+        """How many readings take no part in the figures, and in the map, without a full stop."""
+        return f"left out: {len(self.excluded)} readings of this table, {self.left_out} of the map"
 
     @property
     def gross_rows(self) -> list[int]:
@@ -145,6 +156,8 @@ class Validation:
             "better": better,
             "gross": self.gross,
             "without_gross": None if self.without_gross is None else self.without_gross.to_dict(),
+            "excluded": self.excluded,
+            "left_out_of_map": self.left_out,
         }
 
 
@@ -175,6 +188,8 @@ def validate(error_map: PredictingMap, samples: Samples, *, rivals: bool) -> Val
             for i in np.flatnonzero(gross).tolist()
         ],
         without,
+        list(samples.excluded),
+        len(error_map.excluded),
     )
 
 

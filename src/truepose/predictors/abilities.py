@@ -12,6 +12,7 @@ from truepose.numerics.frozen import Constants
 from truepose.numerics.frozen_deviation import Deviation
 from truepose.predictors.distances import DistanceRows
 from truepose.predictors.estimates import ParameterEstimates
+from truepose.predictors.tails import Tails
 
 
 @runtime_checkable
@@ -132,3 +133,11 @@ class RobustlyJudging(Protocol):
 
     def robust_surprise(self) -> FloatArray:
         """Return the length of each reading's residual in standard deviations, both by the robust fit, (n,)."""
+
+
+@runtime_checkable
+class TailKnowing(Protocol):
+    """A fitted predictor that knows whether readings have heavier tails than normal noise."""
+
+    def tails(self) -> Tails:
+        """Return the tails of the noise of the readings of the samples."""

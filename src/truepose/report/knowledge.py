@@ -80,6 +80,7 @@ class Knowledge:
         return {
             "predictor": self.error_map.predictor_name,
             "samples": len(self.error_map.samples),
+            "excluded": self.error_map.excluded,
             "noise_mm": self.noise_mm,
             "std_mm": self.std_mm,
             "std_where": self.where,

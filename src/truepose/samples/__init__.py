@@ -6,6 +6,7 @@ from truepose.samples.examples import Example, load_example
 from truepose.samples.masks import Mask, mask_table, read_mask, set_aside
 from truepose.samples.naming import name_one, name_points
 from truepose.samples.reflectors import check_reflector_rows, check_rigid, reflector_index, visits
+from truepose.samples.rounding import decimal_step
 from truepose.samples.shown import on_arm
 from truepose.samples.table import Distances, Poses, Samples
 from truepose.samples.tidy import (
@@ -32,6 +33,7 @@ __all__ = [
     "check_reflector_rows",
     "check_rigid",
     "check_turns",
+    "decimal_step",
     "load_example",
     "looks_like_metres",
     "mask_table",

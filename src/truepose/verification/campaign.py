@@ -64,6 +64,8 @@ class Campaign:
         The change of the errors by one tolerance of each parameter of the arm [mm].
     when : (n,) array
         The time, or the rank in order of time.
+    rotation : (n, 3, 3) array, optional
+        The orientations of the flange, or of the tool.
     """
 
     e: FloatArray
@@ -71,12 +73,15 @@ class Campaign:
     coordinates: FloatArray
     columns: FloatArray
     when: FloatArray
+    rotation: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.e)
 
     def __getitem__(self, rows: IntArray | BoolArray) -> Campaign:
-        return Campaign(self.e[rows], self.p[rows], self.coordinates[rows], self.columns[rows], self.when[rows])
+        rotation = None if self.rotation is None else self.rotation[rows]
+        own = self.e[rows], self.p[rows], self.coordinates[rows], self.columns[rows], self.when[rows]
+        return Campaign(*own, rotation)
 
     @cached_property
     def rigid(self) -> FloatArray:
@@ -96,16 +101,16 @@ class Campaign:
     @cached_property
     def tested(self) -> tuple[IntArray, Campaign]:
         """The rows and the samples that are tested: at most `LARGEST`, without gross ones."""
-        rows = _thinned(len(self))
+        rows = thinned(len(self))
         part = self[rows]
         if len(rows) >= FEWEST and not (keep := _sound(part)).all():
             return rows[keep], part[keep]
         return rows, part
 
     @cached_property
-    def field(self) -> _Model:
+    def field(self) -> Fitted:
         """The fitted model without faults, with the cubic fields."""
-        return _fit(self, [])
+        return fit(self, [])
 
     @cached_property
     def spectra(self) -> list[tuple[FloatArray, FloatArray]]:
@@ -180,23 +185,24 @@ def suspected_drift(campaign: Campaign) -> float:
     drift = _Cause("drift", 0, part.growing)
     if part.field.chance(drift.columns) >= _WORTH:
         return 0.0
-    model = _fit(part, [drift.columns])
+    model = fit(part, [drift.columns])
     mean_square = np.einsum("nap,naq->pq", part.rigid, part.rigid) / len(part)
     excess = model.theta @ mean_square @ model.theta - np.trace(mean_square @ model.covariance)
     return float(np.sqrt(max(excess, 0.0)))
 
 
-def _thinned(n: int) -> IntArray:
+def thinned(n: int) -> IntArray:
+    """Return the rows of n that are tested, at most `LARGEST`."""
     return np.sort(np.random.default_rng(0).choice(n, min(n, LARGEST), replace=False))
 
 
 def noise(campaign: Campaign) -> float:
     """Return the standard deviation of the errors beyond the arm's parameters and a smooth field [mm]."""
-    return campaign[_thinned(len(campaign))].field.sigma
+    return campaign[thinned(len(campaign))].field.sigma
 
 
 @dataclass(frozen=True, eq=False)
-class _Model:
+class Fitted:
     """The fitted model: σ, θ of the added columns with its covariance, and the factors for tests of further columns."""
 
     sigma: float
@@ -234,7 +240,7 @@ class _Cause:
     tries: int = 1
 
 
-def _fit(campaign: Campaign, added: list[FloatArray], smooth: bool = True) -> _Model:
+def fit(campaign: Campaign, added: list[FloatArray], smooth: bool = True) -> Fitted:
     """Fit σ, γ and the length of k by restricted likelihood, with additional columns that have no prior."""
     n = len(campaign)
     free = np.concatenate([campaign.rigid, *added], axis=2)
@@ -257,7 +263,7 @@ def _fit(campaign: Campaign, added: list[FloatArray], smooth: bool = True) -> _M
     k = free.shape[2] - 6
     covariance = cho_solve((factor, True), np.eye(len(factor)))[len(factor) - k :, len(factor) - k :]
     unit = unit[6:]
-    return _Model(
+    return Fitted(
         sigma=sigma,
         freedom=freedom,
         theta=beta[len(beta) - k :] / unit,
@@ -293,8 +299,8 @@ def _scaled(
 def _causes(campaign: Campaign, known: list[FloatArray]) -> list[_Cause]:
     """Return the faults whose first-order p-value justifies a fit."""
     cuts = np.arange(_SIDE, len(campaign) - _SIDE + 1)
-    field = _fit(campaign, known) if known else campaign.field
-    arm = _fit(campaign, known, smooth=False)
+    field = fit(campaign, known) if known else campaign.field
+    arm = fit(campaign, known, smooth=False)
     at = _best_cut(campaign, field, cuts)
     listed = [(field, _Cause("moved", at, campaign.moved(at), len(cuts)))]
     if np.ptp(campaign.when) > 0:
@@ -303,7 +309,7 @@ def _causes(campaign: Campaign, known: list[FloatArray]) -> list[_Cause]:
     return [cause for model, cause in listed if model.chance(cause.columns, cause.tries) < _WORTH]
 
 
-def _best_cut(campaign: Campaign, model: _Model, cuts: IntArray) -> int:
+def _best_cut(campaign: Campaign, model: Fitted, cuts: IntArray) -> int:
     """Return the position of the motion that explains most.
 
     A motion that starts at the edge of a segment is a sum of the segments' own columns, so one product serves all of
@@ -340,19 +346,19 @@ def _sound(campaign: Campaign) -> BoolArray:
         if len(rows) < FEWEST or not (gross := _gross(part.field)).any():
             break
         cuts = np.arange(_SIDE, len(part) - _SIDE + 1)
-        gross &= _gross(_fit(part, [part.moved(_best_cut(part, part.field, cuts))]))
+        gross &= _gross(fit(part, [part.moved(_best_cut(part, part.field, cuts))]))
         if not gross.any():
             break
         keep[rows[gross]] = False
     return keep
 
 
-def _gross(model: _Model) -> BoolArray:
+def _gross(model: Fitted) -> BoolArray:
     distance = _left_out(model)
     return np.asarray(distance > _GROSS * max(float(np.median(distance)) / chdtri(3, 0.5), 1e-12))
 
 
-def _left_out(model: _Model) -> FloatArray:
+def _left_out(model: Fitted) -> FloatArray:
     """Return the squared standardised distance of each sample from what the others predict, (n,)."""
     n = len(model.pulled)
     pulled = model.turned.T @ model.pulled  # P e
@@ -367,7 +373,7 @@ def _left_out(model: _Model) -> FloatArray:
 
 def _change(campaign: Campaign, cause: _Cause, known: list[FloatArray]) -> Change:
     """Return a fault, tested together with known ones."""
-    model, k = _fit(campaign, [*known, cause.columns], smooth=cause.kind != "scale"), cause.columns.shape[2]
+    model, k = fit(campaign, [*known, cause.columns], smooth=cause.kind != "scale"), cause.columns.shape[2]
     columns = campaign.stretched if cause.kind == "scale" else campaign.rigid
     ends = (cause.at - 1, cause.at) if cause.kind == "moved" else (0, len(campaign) - 1)
     return fault(cause.kind, model.theta[-k:], model.covariance[-k:, -k:], columns, model.freedom, cause.tries, ends)

@@ -11,7 +11,7 @@ from scipy.special import fdtrc
 from truepose._typing import FloatArray, IntArray
 from truepose.geometry.transforms import cross_matrix
 
-Kind = Literal["moved", "drift", "scale", "reference"]
+Kind = Literal["moved", "drift", "scale", "reference", "alternating"]
 
 SIGNIFICANT: Final = 1e-6
 """The largest p-value of a fault that is reported."""
@@ -31,8 +31,9 @@ class Change:
 
     Attributes
     ----------
-    kind : {"moved", "drift", "scale", "reference"}
-        The kind of fault: the tracker moved, a motion grows with time, lengths have a scale, reference points changed.
+    kind : {"moved", "drift", "scale", "reference", "alternating"}
+        The kind of fault: the tracker moved, a motion grows with time, lengths have a scale, reference points changed,
+        readings are of two populations.
     shift, shift_std : float [mm]
         The length of the displacement of the samples' centre, from before to after or from first to last.
     turn, turn_std : float [rad]
@@ -47,6 +48,10 @@ class Change:
         The last sample before a motion and the first after it; for other faults the first and the last sample.
     points : int
         The number of reference points; 0 for other faults.
+    members : tuple of int
+        The samples of the smaller of two populations; empty for other faults.
+    frame : str
+        The frame in which two populations differ by a constant: ``flange`` or ``base``; empty for other faults.
     """
 
     kind: Kind
@@ -61,6 +66,8 @@ class Change:
     p_value: float
     rows: tuple[int, int]
     points: int = 0
+    members: tuple[int, ...] = ()
+    frame: str = ""
 
     @property
     def notable(self) -> bool:

@@ -15,11 +15,11 @@ from truepose.predictors.base import LeaveOneOut, checked_noise
 from truepose.predictors.conditions import Usual
 from truepose.predictors.distances import DistanceRows
 from truepose.predictors.estimates import ParameterEstimates
-from truepose.predictors.kinematic.checks import check
+from truepose.predictors.kinematic.checks import FEWEST, check
 from truepose.predictors.kinematic.fitting import Start
 from truepose.predictors.kinematic.fleet import ANGLES, Fleet, Member
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
-from truepose.predictors.kinematic.inflation import Part, inflation
+from truepose.predictors.kinematic.inflation import MOST, Part, inflation
 from truepose.predictors.kinematic.placing import placed
 from truepose.predictors.kinematic.searched import SearchedKriging
 from truepose.predictors.kinematic.summary import drift_table, estimates
@@ -28,6 +28,7 @@ from truepose.predictors.kinematic.turned import turned_rows, unseen, with_turns
 from truepose.predictors.kinematic.visits import SHARED
 from truepose.predictors.kinematic.weights import GROSS, ROUNDS, SETTLED, robust_weights
 from truepose.predictors.reflectors import Reflectors
+from truepose.predictors.tails import Tails, tails
 from truepose.robots import Robot
 
 EXACT_UP_TO: Final = 500
@@ -111,7 +112,7 @@ class KinematicKriging(SearchedKriging):
         The distances that the other readings contradict.
     inflation_ : float
         The factor of the predicted variances, at least 1, that makes unseen readings standard, from fits without parts
-        of the samples plus one standard error.
+        of the samples.
     log_likelihood_ : float
         The log marginal likelihood of the errors used in the search, see
         `truepose.predictors.kinematic.fitting.Search`. NaN if hyperparameters were given.
@@ -420,9 +421,21 @@ class KinematicKriging(SearchedKriging):
         """Return the factor of predicted variances that makes unseen readings standard; gross ones do not count."""
         design = self._terms.at(self._x)
         kept = np.flatnonzero(self._weight >= GROSS)
-        samples = Part(self._terms, design, self.joints_, self._target(design), self._reading, self._weight)
+        reading = self._reading * np.sqrt(self.tails().factor)
+        samples = Part(self._terms, design, self.joints_, self._target(design), reading, self._weight)
         residual, covariance = self._left_out_alone(poses=True)
         return inflation(samples.take(kept), residual[kept], covariance[kept], start, self.random_state)
+
+    def tails(self) -> Tails:
+        """Return the tails of the noise of readings, normal ones where it was not stated."""
+        rows = np.flatnonzero((self._terms.at(self._x).turn == 0.0) & (self._reading > 0.0).all(axis=1))
+        rows = np.random.default_rng(self.random_state).permutation(rows[self._weight[rows] >= GROSS])[:MOST]
+        if len(rows) < FEWEST:
+            return Tails()
+        residual, covariance = self._left_out_alone(poses=True)
+        nugget, reading = self.hyper_.noise**2, self._reading[rows] ** 2
+        field = covariance[rows] - (nugget + reading)[:, :, None] * np.eye(3)
+        return tails(residual[rows], field, nugget, np.sqrt(reading.mean(axis=1)))
 
     def _leave_one_out(self) -> LeaveOneOut:
         return self._left(*self._poses_out())
