@@ -286,8 +286,8 @@ def _checked(program: Program) -> dict[str, Any]:
     from truepose.programs.unnamed_tools import with_measured_tool
 
     unnamed = with_measured_tool(program)
-    counts: dict[str, int] = {**program.counts()}
-    return {"file": program.path, **counts, "following": program.following, "without_tool": unnamed}
+    more = {"following": program.following, "without_tool": unnamed}
+    return {"file": program.path, **dict(program.counts().items()), **more}
 
 
 def _readers(workers: int) -> AbstractContextManager[Executor | None]:

@@ -199,7 +199,9 @@ def _arm(evidence: Evidence, say: Locale) -> str | None:
 def _reflector(evidence: Evidence, say: Locale) -> str | None:
     """Return where the readings put the reflector; None where they do not tell."""
     found = reflector(evidence.error_map)
-    return None if found.size is None else say("cell.reflector_at", size=found.size, std=found.std)
+    if found.size is None or found.std is None:
+        return None
+    return say("cell.reflector_at", size=found.size, std=found.std)
 
 
 def _tracker(evidence: Evidence, say: Locale) -> str | None:
