@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -11,10 +12,14 @@ from tests.programs.hazards import HAZARDS, LANGUAGES, Cell
 
 from truepose.programs import read_program
 
+WITHOUT_TOOL = replace(FRAMES, tool="map")  # scripts that set no TCP
 TABLE = {language: import_module(f"tests.programs.hazards.{language}") for language in LANGUAGES}
 CELLS = [
     pytest.param(
-        cell, id=f"{language}-{hazard}-{i}", marks=[pytest.mark.xfail(reason=cell.fault)] if cell.fault else []
+        language,
+        cell,
+        id=f"{language}-{hazard}-{i}",
+        marks=[pytest.mark.xfail(reason=cell.fault)] if cell.fault else [],
     )
     for language, module in TABLE.items()
     for hazard, cells in module.CELLS.items()
@@ -30,11 +35,12 @@ def test_the_table_is_full(language: str) -> None:
     assert all(module.CELLS.values())
 
 
-@pytest.mark.parametrize("cell", CELLS)
-def test_verdicts(tmp_path: Path, cell: Cell) -> None:
+@pytest.mark.parametrize(("language", "cell"), CELLS)
+def test_verdicts(tmp_path: Path, language: str, cell: Cell) -> None:
     for name, text in cell.files.items():
         (tmp_path / name).write_bytes(text.encode("utf-8"))
-    program = read_program(tmp_path / next(iter(cell.files)), cell.frames or FRAMES, cell.options)
+    frames = cell.frames or (WITHOUT_TOOL if language == "urscript" else FRAMES)
+    program = read_program(tmp_path / next(iter(cell.files)), frames, cell.options)
     found: dict[str, set[str]] = {}
     for target in program.targets:
         for key in (target.name, f"line {target.line}"):

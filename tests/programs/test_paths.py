@@ -36,7 +36,9 @@ def corrected(folder: Path, make_map: Any, shifts: Any, word: str = "LIN", y: fl
 def states(limit: float) -> Any:
     """Return a cell that states a largest bend [mm]."""
     correction = Correction(max_bend_mm=limit)
-    return SimpleNamespace(correction=correction, config_dat=None, tools={}, bases={}, frames=FramesSection())
+    return SimpleNamespace(
+        correction=correction, config_dat=None, tools={}, bases={}, frames=FramesSection(), robot_id=None
+    )
 
 
 @pytest.mark.promise("A correction that bends a path beyond the limit is refused, with its place and size.")

@@ -42,9 +42,9 @@ def test_csv_frames_by_row(tmp_path: Path) -> None:
     text = "name,frame,tool,x_mm,y_mm,z_mm,a_deg,b_deg,c_deg,motion\np,jig,t,1,2,3,0,0,0,LIN\nq,,,1,2,3,0,0,0,\nr,lost,t,1,2,3,0,0,0,PTP\n"
     program = read(tmp_path, "a.csv", text)
     assert [(t.verdict, t.frame, t.tool, t.motion) for t in program.targets] == [
-        ("correct", "jig", "t", "LIN"), ("correct", "0", "as measured", "target"), ("refuse", "lost", "t", "PTP"),
+        ("correct", "jig", "t", "LIN"), ("refuse", "", "", "target"), ("refuse", "lost", "t", "PTP"),
     ]  # fmt: skip
-    np.testing.assert_allclose(program.positions_base(), [[1001, 2, 3], [1, 2, 3]])
+    np.testing.assert_allclose(program.positions_base(), [[1001, 2, 3]])
 
 
 @pytest.mark.parametrize(

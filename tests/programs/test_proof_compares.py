@@ -49,6 +49,7 @@ OTHER = {
     "derived": (Shifts("one", "how", (), ((0.0, 0.0, 1.0),)),),
     "follows": ("P3",),
     "frame_changed": "line 3",
+    "tool_changed": "line 4",
 }
 """Another value of each attribute. A reason may differ: it names lines. Places of numbers move with their digits."""
 

@@ -42,7 +42,9 @@ def limited(tmp_path: Path) -> Any:
 
     def correct(path: Path, error_map: Any, limit: float, **more: Any) -> Any:
         correction = Correction(max_bend_mm=limit)
-        cell = SimpleNamespace(correction=correction, config_dat=None, tools={}, bases={}, frames=FramesSection())
+        cell = SimpleNamespace(
+            correction=correction, config_dat=None, tools={}, bases={}, frames=FramesSection(), robot_id=None
+        )
         return correct_program(path, error_map, cell, on_guard="refuse", **more)
 
     return correct

@@ -97,8 +97,8 @@ def _of_sides(error_map: PredictingMap) -> Iterator[Fact]:
     approach = conditions_of(error_map.samples, error_map.cell).get("approach")
     if approach is None or not approach.any():
         words = (
-            "the samples do not state from which side the joints came (approach1 …): lost motion counts as noise if "
-            "the sides are mixed, and is not known if all came from one"
+            "the samples do not state from which side the joints came (approach1 …): their lost motion is part of the "
+            "noise, or not known"
         )
         yield Fact("sides-not-stated", words, "fit")
 
