@@ -79,9 +79,8 @@ def test_positions_in_another_unit_are_refused(tmp_path: Path, make_map: Any, na
 @pytest.mark.parametrize(
     ("name", "place", "factor", "unit"),
     [
-        ("krl", "base", 1e3, "m"), ("krl", "base", 25.4, "inch"), ("krl", "base", 10.0, "cm"),
+        ("krl", "base", 1e3, "m"), ("krl", "base", 25.4, "inch"),
         ("krl", "beside", 1e3, "m"), ("urscript", "base", 1e-3, "mm"), ("urscript", "base", 0.0254, "inch"),
-        ("urscript", "base", 0.01, "cm"),
     ],
 )  # fmt: skip
 def test_the_likely_unit_is_named(

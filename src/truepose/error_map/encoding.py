@@ -33,6 +33,7 @@ from truepose.robots import parse_robot, to_toml
 from truepose.samples import Distances, Samples
 
 _ROTATIONS = ("rotation_cmd", "rotation_meas")
+_NOT_STATED: Final = {"reference", "registration"}
 _REGISTRATION = ("tf_base_tracker", "residuals", "outliers", "covariance", "swapped")
 _WRONG: Final = (
     ArithmeticError,
@@ -162,12 +163,12 @@ def _replace_former_names(content: dict[str, Any]) -> None:
 def _add_later_parameters(predictor: dict[str, Any]) -> None:
     """Add the parameters of the predictor that came after version 0.2, in place, if the file has none of them.
 
-    A reference of effects is there only since samples were added; earlier files do not name it.
+    Those of `_NOT_STATED` are later still: files of any version may lack them.
     """
     later = LATER_PARAMETERS.keys() & inspect.signature(predictor_spec(predictor["name"]).family).parameters.keys()
-    if "reference" in later:
-        predictor["parameters"].setdefault("reference", None)
-        later = later - {"reference"}
+    for name in later & _NOT_STATED:
+        predictor["parameters"].setdefault(name, LATER_PARAMETERS[name])
+    later -= _NOT_STATED
     if not later & predictor["parameters"].keys():
         predictor["parameters"] |= {name: LATER_PARAMETERS[name] for name in later}
 

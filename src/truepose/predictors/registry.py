@@ -124,6 +124,7 @@ LATER_PARAMETERS: Final[dict[str, Any]] = {
     "fleet": None,
     "gear_harmonics": False,
     "reference": None,
+    "registration": None,
     "single_variance": False,
 }
 """Parameters that maps of version 0.2 lack, with the values that leave a predictor as it was then."""

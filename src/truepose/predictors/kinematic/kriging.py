@@ -449,6 +449,6 @@ class KinematicKriging(SearchedKriging):
             "joints": self.joints_.tolist(),
             "inflation": self.inflation_,
             "reference": None if kept == own else kept,
-            "registration": self._centre.tolist(),
+            "registration": self._centre.tolist() if self._centre.any() else None,
             "fleet": None if self._fleet is None else self._fleet.to_dict(),
         }

@@ -21,10 +21,10 @@ from truepose.programs.core.columns import ProgramTargets
 from truepose.programs.core.program import Program, linked
 from truepose.programs.core.target import Target
 
-_UNITS: Final = {"m": 1000.0, "mm": 1.0, "inch": 25.4, "cm": 10.0}
+_UNITS: Final = {"m": 1000.0, "mm": 1.0, "inch": 25.4}
 """Sizes of units [mm], the likeliest first."""
-_LIKELY: Final = ("m", "mm", "inch")
-"""Units that programs are written in; others are looked for in the base of the robot only."""
+_LIKELY: Final = ("m", "mm")
+"""Units so far apart that they are looked for in any frame; inches are in the base of the robot only."""
 _LEAST: Final = 6  # targets of a frame
 _FEW: Final = 0.4  # largest share of targets that are off the scale
 _REACH: Final = 10e3  # [mm] from its base no robot reaches
