@@ -113,11 +113,12 @@ def test_a_renamed_module_is_not_corrected_twice(
     assert re.search(pattern, run(*watched).failed())
     assert not (folder / "twice").exists()
     lines = text.splitlines(keepends=True)
+    # one of them is too far off now to be corrected
     fresh = [line.replace("Z ", "Z 1") for line in lines if line.startswith("LIN")]
     copy.write_text("".join([*lines[:5], *fresh[1:], *lines[-1:]]))
     done = run("correct", folder / "map.truepose", copy, "--out", folder / "twice", *options)
-    assert "weld.src: 1 of its 6 positions are results of a correction: on 20" in done.out
-    assert "1 of its 6 positions" in (folder / "twice" / "weld.corrections.json").read_text()
+    assert "weld.src: 1 of its 5 positions are results of a correction: on 20" in done.out
+    assert "1 of its 5 positions" in (folder / "twice" / "weld.corrections.json").read_text()
     assert [name for name, _ in corrections(address)] == ["part.src", "weld.src"]
 
 
