@@ -49,7 +49,7 @@ def test_a_required_share_that_is_reached(path: Path, make_map: Any, require: An
 @pytest.mark.promise("A share that is required in [correction] holds, and an option replaces it.")
 def test_the_cell_requires_a_share(path: Path, make_map: Any) -> None:
     cell = SimpleNamespace(
-        correction=Correction(require="95%"), config_dat=None, tools={}, bases={}, frames=FramesSection()
+        robot_id=None, correction=Correction(require="95%"), config_dat=None, tools={}, bases={}, frames=FramesSection()
     )
     with pytest.raises(RefusedError, match="95 % must be corrected"):
         correct_program(path, make_map(), cell)
