@@ -101,6 +101,7 @@ class Case:
             names=lambda: [Path(p.name) for p in self.paths],
         )
         self.corrected: Any = SimpleNamespace(
+            robot={},
             program=program,
             refused={},
             hashes={s.path: Source(s.path, self.new(s)).sha256 for s in self.sources},

@@ -33,7 +33,7 @@ def lost_motion_std(robot: Robot) -> float:
     Examples
     --------
     >>> from truepose.robots import load_robot
-    >>> [round(1e3 * lost_motion_std(load_robot(name)), 2) for name in ("kuka-kr210-r2700-extra", "kuka-kr6-r900-2")]
+    >>> [round(1e3 * lost_motion_std(load_robot(name)), 2) for name in ("kuka-kr210-r2700-extra", "kuka-kr6-r900-sixx")]
     [0.61, 0.29]
     """
     low, high = _LOST["large" if _reach(robot) >= _LARGE_MM else "small"]

@@ -154,6 +154,8 @@ def _searched(left: _LeftOut, columns: FloatArray, start: FloatArray, alone: flo
     n, k = len(columns), columns.shape[2]
     member, gain = np.asarray(start, float), 0.0
     for _ in range(_ROUNDS):
+        if not 1.0 <= member.sum() <= n - 1.0:  # one of the populations has vanished
+            return None
         own = (columns * member[:, None, None]).reshape(3 * n, k)
         pulled = left.precision @ own
         theta = np.linalg.lstsq(own.T @ pulled, pulled.T @ left.e, rcond=1e-10)[0]

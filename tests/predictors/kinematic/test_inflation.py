@@ -27,7 +27,7 @@ def part(n: int, *, visit: Any = None, turn: Any = None, reading: float = 0.0) -
     visit = np.full(n, np.nan) if visit is None else np.asarray(visit, float)
     turn = np.zeros(n) if turn is None else np.asarray(turn, float)
     empty = np.zeros((n, 1))
-    design = Design(q, empty, empty, empty, empty, empty, empty, visit, turn)
+    design = Design(q, *[empty] * 7, visit, turn)
     return Part(None, design, np.arange(1), np.zeros((n, 3)), np.full((n, 3), reading), np.ones(n))  # type: ignore[arg-type]
 
 
