@@ -368,7 +368,7 @@ def test_payloads_without_a_centre_are_told(run, loads, tmp_path):
 
 @pytest.mark.exhaustive
 def test_a_series_from_one_side_is_told(run, tmp_path):
-    """Nothing in it shows backlash, nor does the standard deviation."""
+    """Nothing in it shows lost motion, which has a prior."""
     virtual = VirtualCell("paper")
     cell, table, out = (tmp_path / name for name in ("cell.toml", "samples.csv", "map.truepose"))
     cell.write_text(virtual.cell.to_toml())
@@ -378,4 +378,4 @@ def test_a_series_from_one_side_is_told(run, tmp_path):
         done = run("fit", cell, table, "--predictor", "registration", "--out", out, "--force")
         assert done.code == 0, done.err
         shown = " ".join(done.out.split())
-        assert ("backlash is not known" in shown and '[measuring] approach = "both"' in shown) == told
+        assert ("Fact one-sided" in shown and "measure from both sides" in shown) == told

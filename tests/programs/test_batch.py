@@ -12,7 +12,7 @@ import pytest
 from openpyxl import load_workbook
 
 from truepose.errors import FileError, RefusedError
-from truepose.programs import FrameTable, correct_programs, read_program, record
+from truepose.programs import FrameTable, correct_program, correct_programs, read_program, record
 
 HEAD = "$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\n"
 GOOD = HEAD + "LIN {{X {0},Y 2,Z 3,A 0,B 0,C 0}}\nLIN {{X {0},Y 9,Z 3,A 0,B 0,C 0}}\n"
@@ -40,6 +40,11 @@ def test_all_or_none_without_keep_going(folders: list[Path], make_map: Any) -> N
         correct_programs(folders, make_map([0.37, 0, 0]), frames=FrameTable())
     with pytest.raises(RefusedError, match=r"bad\.src:2"):
         correct_programs(folders[:2], make_map([0.37, 0, 0]), frames=FrameTable())
+
+
+def test_a_program_is_corrected_as_a_whole_by_default(folders: list[Path], make_map: Any) -> None:
+    with pytest.raises(RefusedError, match=r"bad\.src:2"):
+        correct_program(folders[1], make_map([0.37, 0, 0]), frames=FrameTable())
 
 
 def test_the_good_modules_are_corrected(folders: list[Path], make_map: Any, tmp_path: Path) -> None:

@@ -159,7 +159,7 @@ def check_campaign(
         found = changes(campaign)
         named = any(change.kind in ("drift", "moved") for change in found)
         suspected = 0.0 if named else suspected_drift(campaign)
-        two = None if named else alternating(campaign)
+        two = None if named or _loads_differ(samples) else alternating(campaign)
     if two is not None and two.notable:
         found.append(two)
     before, after = _references(samples, order)
@@ -268,6 +268,11 @@ def _strains(p: FloatArray) -> FloatArray:
         if a != b:
             columns[:, b, k] += _STRAIN * centred[:, a]
     return columns
+
+
+def _loads_differ(samples: Samples) -> bool:
+    """Return whether there are several payloads: they bend the arm as if two reflectors were used in turn."""
+    return samples.load is not None and bool(np.ptp(samples.load) > 0.0)
 
 
 def _references(samples: Samples, order: IntArray) -> tuple[IntArray, IntArray]:
