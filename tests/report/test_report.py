@@ -59,6 +59,7 @@ def test_every_section_is_told(evidence, documents, locale):
         "maps",
         "registration",
         "similarity_section",
+        "facts",
         "model",
         "programs",
     )
