@@ -21,7 +21,7 @@ def second(how: str, seed: int) -> np.ndarray:
         return np.arange(N) % 2 > 0
     if how == "every third":
         return np.arange(N) % 3 == 1
-    return np.random.default_rng(seed).random(N) < {"irregular": 0.5, "a few": 0.2}[how]
+    return np.random.default_rng(seed).random(N) < 0.5
 
 
 def measured(frame: str, how: str, seed: int, size: float = 0.5, kind: str = "hard"):
@@ -49,8 +49,7 @@ def checked(virtual: tp.VirtualCell, samples: tp.Samples):
         ("base", "irregular"),
         *(
             pytest.param(frame, how, marks=pytest.mark.exhaustive)
-            for frame in ("flange", "base")
-            for how in ("in turn", "every third", "irregular", "a few")
+            for frame, how in (("flange", "every third"), ("flange", "irregular"), ("base", "in turn"))
         ),
     ],
 )
