@@ -164,13 +164,13 @@ def _study(page: Page, kinds: Sequence[str], seeds: range, *, quick: bool) -> No
 def _faults(page: Page, faults: Sequence[str], seeds: range) -> None:
     page.say("## Wrong statements, and conditions that no sample had")
     page.say(
-        "As above, with what one fault does to the samples, to the cell file or to the work. Worse: by more than twice "
-        "the repeatability. wrong serial: programs of another robot of the type. turned base: the model's base is "
-        "turned by 180° against the controller's. repeatability slip: ten times the true one is stated. one-sided "
-        "samples: lost motion of the joints, samples from one side, work from both. payload not told: samples with "
-        "three payloads, work with the largest, which nobody states. reflector off: the reflector sits 12.7 mm from "
-        "where it is stated. alternating reflectors: two in turn, 0.5 mm apart. flipped approach: the sides of the "
-        "samples are stated with the wrong sign."
+        "As above, with what one fault does to the samples, to the cell file or to the work. Worse: by more than "
+        "twice the repeatability. wrong serial: programs of another robot of the type. turned base: the model's "
+        "base is turned by 180° against the controller's. repeatability slip: ten times the true one is stated. "
+        "one-sided samples: lost motion of the joints, samples from one side, work from both, as the program "
+        "shows. payload not told: samples with three payloads, work with the largest, which nobody states. "
+        "reflector off: the reflector sits 12.7 mm from where it is stated. alternating reflectors: two in turn, "
+        "0.5 mm apart. flipped approach: the sides of the samples are stated with the wrong sign."
     )
     page.head(COLUMNS)
     failed = []

@@ -18,6 +18,7 @@ from truepose.errors import TrueposeError
 from truepose.geometry import apply_transform, invert_transform, make_transform
 from truepose.programs.agreement import check_identity
 from truepose.robots import nearest_branch
+from truepose.samples import Poses
 
 PREDICTORS: Final = ("ordinary-kriging", "calibration", "kinematic-kriging")
 _WORK: Final = 10_000  # added to a cell's seed: that of the work program's design, and that of another robot
@@ -43,6 +44,8 @@ class Campaign:
         The cell whose programs are corrected.
     tf_shown : (4, 4) array [mm]
         The virtual cell's base in the base in which its controller shows and programs positions.
+    sides : bool
+        Whether the program shows from which side each joint comes, as straight motions do.
     """
 
     cell: Cell
@@ -50,6 +53,7 @@ class Campaign:
     at_work: Callable[[FloatArray], FloatArray]
     used_with: Cell
     tf_shown: FloatArray
+    sides: bool = False
 
 
 def _plain(virtual: VirtualCell, samples: Samples, **changes: object) -> Campaign:
@@ -108,6 +112,7 @@ def _one_sided(virtual: VirtualCell) -> Campaign:
         virtual,
         _measured(virtual, approach=1.0),
         at_work=lambda q: virtual.true_position(q, approach=_sides(virtual, q)),
+        sides=True,
     )
 
 
@@ -177,7 +182,10 @@ def fates_of_fault(fault: str, seed: int, *, predictors: tuple[str, ...] = PREDI
 def _fate(fault: str, virtual: VirtualCell, campaign: Campaign, error_map: ErrorMap, q: FloatArray) -> Fate:
     tool = virtual.tf_flange_tool
     targets = virtual.robot.forward(q, tool=tool)
-    corrections = error_map.correct(campaign.tf_shown @ targets, tf_flange_tool=tool, on_guard="skip")
+    if campaign.sides:
+        corrections = error_map.correct(Poses(q=q, approach=_sides(virtual, q)), on_guard="skip")
+    else:
+        corrections = error_map.correct(campaign.tf_shown @ targets, tf_flange_tool=tool, on_guard="skip")
     commands = targets.copy()
     commands[:, :3, 3] = apply_transform(invert_transform(campaign.tf_shown), corrections.p_command)
     q_command = nearest_branch(virtual.robot.inverse(commands, tool=tool), q)
