@@ -40,6 +40,8 @@ NO_REASON = {
     *(
         "--other-maker",
         "--other-robot",
+        "--this-robot",
+        "--store",
         "--controller",
         "--whole",
         "--in-place",

@@ -102,8 +102,7 @@ def stated_frame(frames: KnownFrames, which: Literal["tool", "base"]) -> Frame |
 
 def how_to_state(which: Literal["tool", "base"]) -> str:
     """Return how the user states the tool or base in force."""
-    measured = f", or --tool {MEASURED_TOOL} for that of the map" if which == "tool" else ""
-    return f"--{which} NAME{measured}"
+    return f"--tool NAME, or --tool {MEASURED_TOOL} for that of the map" if which == "tool" else "--base NAME"
 
 
 class Use(NamedTuple):
