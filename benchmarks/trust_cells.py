@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose import ErrorMap, VirtualCell, fit_cell
+from truepose.compensation import Corrections
+from truepose.compensation.guards import BELOW
 from truepose.errors import TrueposeError
 from truepose.geometry import apply_transform, invert_transform
 from truepose.predictors import PREDICTORS
@@ -20,6 +22,7 @@ from truepose.robots import nearest_branch
 from truepose.simulation import PRESETS
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 KINDS = tuple(name for name in PRESETS if name not in ("ideal", "ripple"))  # ripple: in the study of conditions
 SAMPLES, TARGETS = 100, 100
 INSIDE_95 = 1.95996
@@ -61,6 +64,38 @@ class Fate:
     of_readings: float = float("nan")
     refused: str = ""
 
+    @classmethod
+    def of(
+        cls,
+        kind: str,
+        seed: int,
+        error_map: ErrorMap,
+        corrections: Corrections,
+        before: FloatArray,
+        after: FloatArray,
+        margin: float = 0.0,
+    ) -> Fate:
+        """Count what became of targets whose true errors were `before` and are `after` (n, 3) [mm], in the map's base.
+
+        Those are worse whose error grew by more than the margin [mm].
+        """
+        used = is_used(corrections)
+        was, miss = np.linalg.norm(before, axis=1)[used], after[used]
+        left, inside = np.linalg.norm(miss, axis=1), np.abs(miss) <= INSIDE_95 * corrections.std[used]
+        return cls(
+            kind,
+            seed,
+            error_map.predictor_name,
+            len(before),
+            int(used.sum()),
+            int((left > was + margin).sum()),
+            int((corrections.verdict == BELOW).sum()),
+            int(inside.sum()),
+            inside.size,
+            float(was.mean()) if used.any() else float("nan"),
+            float(left.mean()) if used.any() else float("nan"),
+        )
+
     @property
     def coverage(self) -> float:
         """Share of the components inside their 95 % intervals; NaN where nothing was corrected."""
@@ -69,6 +104,11 @@ class Fate:
     def to_dict(self) -> dict[str, Any]:
         """Return plain values."""
         return asdict(self)
+
+
+def is_used(corrections: Corrections) -> BoolArray:
+    """Return which targets are corrected, (n,)."""
+    return np.isin(corrections.verdict, ["correct", "clip"])
 
 
 def fates(
@@ -101,22 +141,8 @@ def _fate(kind: str, cell: VirtualCell, error_map: ErrorMap, q: FloatArray) -> F
     commands = targets.copy()
     commands[:, :3, 3] = corrections.p_command
     q_command = nearest_branch(cell.robot.inverse(commands, tool=error_map.tf_flange_tool), q)
-    used = np.isin(corrections.verdict, ["correct", "clip"])
+    used = is_used(corrections)
     p_target = targets[:, :3, 3]
-    before = np.linalg.norm(true_errors(cell, error_map, q, p_target), axis=1)[used]
-    miss = true_errors(cell, error_map, np.where(used[:, None], q_command, q), p_target)[used]
-    after = np.linalg.norm(miss, axis=1)
-    inside = np.abs(miss) <= INSIDE_95 * corrections.std[used]
-    return Fate(
-        kind,
-        cell.seed,
-        error_map.predictor_name,
-        len(q),
-        int(used.sum()),
-        int((after > before).sum()),
-        int((corrections.verdict == "below uncertainty").sum()),
-        int(inside.sum()),
-        inside.size,
-        float(before.mean()) if used.any() else float("nan"),
-        float(after.mean()) if used.any() else float("nan"),
-    )
+    before = true_errors(cell, error_map, q, p_target)
+    after = true_errors(cell, error_map, np.where(used[:, None], q_command, q), p_target)
+    return Fate.of(kind, cell.seed, error_map, corrections, before, after)

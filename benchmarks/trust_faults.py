@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.trust_cells import INSIDE_95, SAMPLES, TARGETS, Fate, FloatArray
+from benchmarks.trust_cells import SAMPLES, TARGETS, Fate, FloatArray, is_used
 from truepose import Cell, ErrorMap, Samples, VirtualCell, fit_cell
 from truepose.errors import TrueposeError
 from truepose.geometry import apply_transform, invert_transform, make_transform
@@ -189,26 +189,12 @@ def _fate(fault: str, virtual: VirtualCell, campaign: Campaign, error_map: Error
     commands = targets.copy()
     commands[:, :3, 3] = apply_transform(invert_transform(campaign.tf_shown), corrections.p_command)
     q_command = nearest_branch(virtual.robot.inverse(commands, tool=tool), q)
-    used = np.isin(corrections.verdict, ["correct", "clip"])
 
     def miss(q: FloatArray) -> FloatArray:
         p_tracker = apply_transform(invert_transform(virtual.truth.tf_base_tracker), campaign.at_work(q))
-        p_base = apply_transform(invert_transform(campaign.tf_shown), error_map.registration.apply(p_tracker))
-        return np.asarray((p_base - targets[:, :3, 3])[used])
+        p_target = apply_transform(campaign.tf_shown, targets[:, :3, 3])
+        return np.asarray(error_map.registration.apply(p_tracker) - p_target)
 
-    before, left = np.linalg.norm(miss(q), axis=1), miss(np.where(used[:, None], q_command, q))
-    after = np.linalg.norm(left, axis=1)
-    inside = np.abs(left @ campaign.tf_shown[:3, :3].T) <= INSIDE_95 * corrections.std[used]
-    return Fate(
-        fault,
-        virtual.seed,
-        error_map.predictor_name,
-        len(q),
-        int(used.sum()),
-        int((after > before + 2.0 * virtual.noise_floor).sum()),
-        int((corrections.verdict == "below uncertainty").sum()),
-        int(inside.sum()),
-        inside.size,
-        float(before.mean()) if used.any() else float("nan"),
-        float(after.mean()) if used.any() else float("nan"),
-    )
+    q_reached = np.where(is_used(corrections)[:, None], q_command, q)
+    margin = 2.0 * virtual.noise_floor
+    return Fate.of(fault, virtual.seed, error_map, corrections, miss(q), miss(q_reached), margin)

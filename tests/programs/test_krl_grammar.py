@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from truepose.errors import TrueposeError
@@ -94,14 +94,19 @@ class Text:
     def data(self) -> bytes:
         return b"".join(data for data, _ in self.pieces)
 
-    def check(self, result: bytes, shift: np.ndarray) -> None:
-        """Require that `result` has every piece again, and numbers moved by the shift where they are marked."""
+    def check(self, result: bytes, shift: np.ndarray, *, some_stay: bool = False) -> None:
+        """Require that `result` has every piece again, and numbers moved by the shift where they are marked.
+
+        Where some targets stay, each marked number may also be as it was.
+        """
         number = rb"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
         pattern = b"".join(re.escape(data) if axis is None else number for data, axis in self.pieces)
         found = re.fullmatch(pattern, result)
         assert found is not None
         marked = [(data, axis) for data, axis in self.pieces if axis is not None]
         for (old, axis), new in zip(marked, found.groups(), strict=True):
+            if some_stay and new == old:
+                continue
             assert abs(float(new) - float(old) - shift[axis]) <= 0.501e-3
             if abs(shift[axis]) < 0.499e-3:
                 assert new == old
@@ -222,13 +227,15 @@ def test_a_correction_changes_the_digits_of_corrected_targets_alone(
     path = write(tmp_path, src.data, dat.data)
     marked = any(axis is not None for text in pair for _, axis in text.pieces)
     corrected = attempt(path, make_map(shift), options=TRUSTING)
-    assume(not isinstance(corrected, str) or not re.search("off the scale|from the base of the robot", corrected))
+    some_stay = isinstance(corrected, str) and re.search("off the scale|from the base of the robot", corrected)
+    if some_stay:
+        corrected = attempt(path, make_map(shift), options=TRUSTING, on_guard="skip")
     if isinstance(corrected, str):
         assert "nothing can be corrected" in corrected
-        assert not marked
+        assert not marked or some_stay
         return
-    src.check(corrected.files[path], shift)
-    dat.check(corrected.files[path.with_suffix(".dat")], shift)
+    src.check(corrected.files[path], shift, some_stay=bool(some_stay))
+    dat.check(corrected.files[path.with_suffix(".dat")], shift, some_stay=bool(some_stay))
 
 
 REALISTIC_SRC = b"""&ACCESS RVP\r

@@ -21,7 +21,7 @@ def second(how: str, seed: int) -> np.ndarray:
         return np.arange(N) % 2 > 0
     if how == "every third":
         return np.arange(N) % 3 == 1
-    return np.random.default_rng(seed).random(N) < 0.5
+    return np.random.default_rng(seed).random(N) < {"irregular": 0.5, "a few": 0.2}[how]
 
 
 def measured(frame: str, how: str, seed: int, size: float = 0.5, kind: str = "hard"):
@@ -50,6 +50,10 @@ def checked(virtual: tp.VirtualCell, samples: tp.Samples):
         *(
             pytest.param(frame, how, marks=pytest.mark.exhaustive)
             for frame, how in (("flange", "every third"), ("flange", "irregular"), ("base", "in turn"))
+        ),
+        *(
+            pytest.param(frame, how, marks=[pytest.mark.exhaustive, pytest.mark.xfail(reason="too few to be told")])
+            for frame, how in (("flange", "a few"), ("base", "a few"), ("base", "every third"))
         ),
     ],
 )

@@ -86,12 +86,14 @@ CODES: Final = {
     ),
     "one-sided": Kind(
         "widens",
-        "joints came from one side at all samples; targets that come from the other have a prior of the lost motion",
+        "joints reached all samples from one side; for targets reached from the other a lost motion is assumed",
     ),
     "sides-not-stated": Kind("told", "the samples do not state from which side the joints came"),
     "work-not-stated": Kind("widens", "a temperature or payload that differs among the samples is not stated for work"),
     "work-not-measured": Kind("widens", "the temperature or payload at work is one that no sample had"),
-    "arm-checked": Kind("told", "the arm's model and the controller's tool agree with the positions that it shows"),
+    "arm-checked": Kind(
+        "told", "the positions that the controller shows agree with the arm's model and the controller's tool"
+    ),
     "arm-not-checked": Kind("told", "no positions of the controller were at hand to check the arm's model"),
     "reflector-checked": Kind("told", "the readings put the reflector at the stated tool, or near it"),
     "reflector-not-checked": Kind("told", "whether the reflector sits at the stated tool was not checked"),
@@ -220,14 +222,19 @@ def refuse(facts: Iterable[Fact], accept: Collection[str]) -> list[str]:
     DataError
         If a code to accept is not that of a fact that refuses.
     RefusedError
-        If a fact that refuses is not accepted; the message says how to accept it.
+        If facts that refuse are not accepted; the message says how to accept each.
     """
     refusing = [code for code, kind in CODES.items() if kind.effect == "refuses"]
     if unknown := sorted(set(accept) - set(refusing)):
         raise DataError(f"{unknown[0]!r} cannot be accepted; expected one of {', '.join(refusing)}")
     found = [fact for fact in facts if fact.effect == "refuses"]
     if stopping := [fact for fact in found if fact.code not in accept]:
-        first = stopping[0].code
-        words = "; ".join(fact.words for fact in stopping)
-        raise RefusedError(f"{words}; {CODES[first].remedy}, or accept it with {how_to_accept(first)}")
+        words: dict[str, list[str]] = {}
+        for fact in stopping:
+            words.setdefault(fact.code, []).append(fact.words)
+        each = [
+            f"{'; '.join(said)}; {CODES[code].remedy}, or accept it with {how_to_accept(code)}"
+            for code, said in words.items()
+        ]
+        raise RefusedError("; ".join(each))
     return [f"accepted: {fact.words}" for fact in found]
