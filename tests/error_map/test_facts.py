@@ -77,3 +77,14 @@ def test_a_fault_of_the_campaign_widens_predictions_and_corrections_alike(error_
     for std in (lambda one: one.predict(poses.q).std, lambda one: one.correct(tf, accept_weak_map=True).std):
         grown = np.sqrt(std(faulty) ** 2 - std(error_map) ** 2)
         np.testing.assert_allclose(grown, 2.0 * 0.3 / np.sqrt(3.0), rtol=0.05)
+
+
+def test_each_fact_that_refuses_says_how_it_is_accepted() -> None:
+    found = [Fact("weak", "it is weak"), Fact("joint-zero", "joint 2 is off"), Fact("joint-zero", "joint 3 is off")]
+    with pytest.raises(RefusedError) as caught:
+        refuse(found, ())
+    words = str(caught.value)
+    assert words.startswith("it is weak; measure more samples, try another predictor, or accept it with --accept-weak")
+    assert "joint 2 is off; joint 3 is off; " in words
+    assert words.count("--accept joint-zero") == 1
+    assert refuse(found, {"weak", "joint-zero"}) == [f"accepted: {fact.words}" for fact in found]
