@@ -313,9 +313,12 @@ def test_a_correction_changes_the_digits_of_corrected_targets_alone(
     marked = [(text, axis) for text, axis in pieces if axis is not None]
     for wanted in (shift, np.zeros(3)):
         corrected = attempt(path, make_map(wanted), options=dialect.options)
+        some_stay = isinstance(corrected, str) and re.search("off the scale|from the base of the robot", corrected)
+        if some_stay:
+            corrected = attempt(path, make_map(wanted), options=dialect.options, on_guard="skip")
         if isinstance(corrected, str):
             assert re.search(r"nothing can be corrected|has no (GOTO|<Data>)", corrected)
-            assert not marked
+            assert not marked or some_stay
             return
         result = corrected.files[path]
         if not wanted.any():
@@ -325,6 +328,8 @@ def test_a_correction_changes_the_digits_of_corrected_targets_alone(
         found = re.fullmatch(b"".join(re.escape(t) if axis is None else number for t, axis in pieces), result)
         assert found is not None
         for (old, axis), new in zip(marked, found.groups(), strict=True):
+            if some_stay and new == old:
+                continue
             assert abs(float(new) - float(old) - wanted[axis] / dialect.unit) <= 0.501e-3 / dialect.unit
             if abs(wanted[axis]) < 0.499e-3:
                 assert new == old
