@@ -5,6 +5,7 @@ from truepose.compensation.in_force import LimitsInForce
 from truepose.compensation.joint_coverage import Gap, JointCoverage
 from truepose.compensation.orientations import supported_angle
 from truepose.compensation.solve import Solution, solve
+from truepose.compensation.starts import Starts
 
 __all__ = [
     "BELOW",
@@ -17,6 +18,7 @@ __all__ = [
     "Policy",
     "Region",
     "Solution",
+    "Starts",
     "Verdicts",
     "apply_policy",
     "solve",

@@ -1,4 +1,4 @@
-"""The direction in which each joint reaches a target on a straight line, for maps that know the backlash of joints."""
+"""The direction in which each joint reaches a target, for maps that know the backlash of joints, or miss it."""
 
 from __future__ import annotations
 
@@ -47,5 +47,32 @@ def approach_on_lines(robot: Robot, q: FloatArray, poses: FloatArray, before: Fl
     jacobian = columns(robot.sign * q[known], robot.links(np.eye(4)), joint_twists(robot.sign), "pose")
     scale = np.repeat([1e-3, 1.0], 3)  # metres and radians weigh alike
     moved = np.einsum("njr,nr->nj", np.linalg.pinv(jacobian * scale[:, None], rcond=1e-3), wanted * scale)
-    signs[known] = np.where(np.abs(moved) > _LEAST, np.sign(moved), 0.0)
+    signs[known] = _signs(moved)
     return signs
+
+
+def approach_by_joints(q: FloatArray, before: FloatArray) -> FloatArray:
+    """Return the sign of each joint's motion to joints q from joints before, of joint motions, (n, dof).
+
+    Each joint of a joint motion turns one way from its start to its end.
+
+    Parameters
+    ----------
+    q, before : (n, dof) arrays [rad]
+        The joints of the targets, and from where the motions start; NaN where that is not known.
+
+    Returns
+    -------
+    (n, dof) array of -1, 0, +1
+        0 where the start is not known, or the joint turns by less than 1 mrad.
+
+    Examples
+    --------
+    >>> approach_by_joints(np.array([[0.2, 0.1, 0.3]]), np.array([[0.1, 0.1, 0.9]]))
+    array([[ 1.,  0., -1.]])
+    """
+    return _signs(np.nan_to_num(q - before))
+
+
+def _signs(moved: FloatArray) -> FloatArray:
+    return np.where(np.abs(moved) > _LEAST, np.sign(moved), 0.0)

@@ -159,7 +159,7 @@ def check_campaign(
         found = changes(campaign)
         named = any(change.kind in ("drift", "moved") for change in found)
         suspected = 0.0 if named else suspected_drift(campaign)
-        two = None if named or _loads_differ(samples) else alternating(campaign)
+        two = None if named else alternating(campaign)
     if two is not None and two.notable:
         found.append(two)
     before, after = _references(samples, order)
@@ -245,17 +245,25 @@ def _of_arm(cell: Cell, robot: Robot, samples: Samples, tf_flange_tool: FloatArr
     assert samples.q is not None
     payload, approach = cell.payload, samples.approach
     reversing = approach is not None and bool((np.ptp(approach, axis=0) > 0).any())
-    arm = ParametricArm.of(
-        robot,
-        tf_flange_tool,
-        terms=(*_TERMS, "backlash") if reversing else _TERMS,
-        load=Load(payload.mass_kg, np.array([payload.x_mm, payload.y_mm, payload.z_mm])),
-    )
     n, r = len(samples), None if samples.reflector is None else points_on_tool(samples, cell)
     data = Positions(samples.q, np.zeros((n, 3)), np.zeros((n, 3, 3)), approach, r)
-    columns = data.jacobian(arm, np.zeros(len(arm.parameters)))
-    own = np.array([parameter.group != "base" for parameter in arm.parameters])
-    return np.asarray(columns[:, :, own] * arm.tolerance[own])
+
+    def under(mass: float) -> FloatArray:
+        arm = ParametricArm.of(
+            robot,
+            tf_flange_tool,
+            terms=(*_TERMS, "backlash") if reversing else _TERMS,
+            load=Load(mass, np.array([payload.x_mm, payload.y_mm, payload.z_mm])),
+        )
+        columns = data.jacobian(arm, np.zeros(len(arm.parameters)))
+        own = np.array([parameter.group != "base" for parameter in arm.parameters])
+        return np.asarray(columns[:, :, own] * arm.tolerance[own])
+
+    if samples.load is None or np.ptp(samples.load) == 0.0:
+        return under(payload.mass_kg)
+    least, most = float(samples.load.min()), float(samples.load.max())
+    share = ((samples.load - least) / (most - least))[:, None, None]  # the columns are linear in the payload
+    return (1.0 - share) * under(least) + share * under(most)
 
 
 def _strains(p: FloatArray) -> FloatArray:
@@ -268,11 +276,6 @@ def _strains(p: FloatArray) -> FloatArray:
         if a != b:
             columns[:, b, k] += _STRAIN * centred[:, a]
     return columns
-
-
-def _loads_differ(samples: Samples) -> bool:
-    """Return whether there are several payloads: they bend the arm as if two reflectors were used in turn."""
-    return samples.load is not None and bool(np.ptp(samples.load) > 0.0)
 
 
 def _references(samples: Samples, order: IntArray) -> tuple[IntArray, IntArray]:

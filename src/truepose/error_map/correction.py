@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
-from truepose.compensation import Corrections, Guards, Policy, Solution, apply_policy, solve
+from truepose.compensation import Corrections, Guards, Policy, Solution, Starts, apply_policy, solve
 from truepose.compensation.guards import TOO_UNCERTAIN
-from truepose.error_map.approaching import approach_on_lines
+from truepose.error_map.approaching import approach_by_joints, approach_on_lines
 from truepose.error_map.prediction import PredictingMap
 from truepose.error_map.target_joints import BranchTracker
 from truepose.errors import DataError
@@ -43,8 +43,8 @@ class Targets:
         The KUKA configuration of each target, −1 where it is not given.
     near : (n, dof) array [rad], optional
         The joints near which the controller reaches each target; NaN where they are not known.
-    before : (n, 4, 4) array [mm], base frame, optional
-        The poses from which a straight line leads to each target; NaN where there is none, or it is not known.
+    before : Starts, optional
+        From where motions reach the targets.
     given : mapping of str to array or None
         The conditions of each target where these were stated, see `truepose.error_map.conditions.conditions_of`.
     """
@@ -56,7 +56,7 @@ class Targets:
     status: IntArray | None = None
     turn: IntArray | None = None
     near: FloatArray | None = None
-    before: FloatArray | None = None
+    before: Starts | None = None
     given: Mapping[str, FloatArray | None] = field(default_factory=dict)
 
     @classmethod
@@ -68,7 +68,7 @@ class Targets:
         status: IntArray | None,
         turn: IntArray | None,
         near: FloatArray | None = None,
-        before: FloatArray | None = None,
+        before: FloatArray | Starts | None = None,
         load: FloatArray | None = None,
         p_load: FloatArray | None = None,
     ) -> Self:
@@ -89,7 +89,9 @@ class Targets:
         if poses is not None:
             p = poses[:, :3, 3]
         assert p is not None
-        _sized("before", before, (n, 4, 4))
+        if before is not None and not isinstance(before, Starts):
+            before = Starts.of_lines(before)
+        _sized("before", None if before is None else before.poses, (n, 4, 4))
         stated = {"payload": _sized("load", load, (n,)), "centre": _sized("p_load", p_load, (n, 3))}
         if load is not None and (np.isinf(load) | (np.asarray(load) < 0.0)).any():
             raise DataError("load has a mass that is negative or infinite; state kg, or NaN for the payload at work")
@@ -110,10 +112,16 @@ class Targets:
 
     def approach(self, robot: Robot, branches: BranchTracker | None) -> FloatArray | None:
         """Return the sign of each joint's last motion, (n, dof); 0 where not known, None if nothing is stated."""
-        stated = self.given.get("approach")
-        if stated is not None or branches is None or self.before is None or self.poses is None:
+        stated, start = self.given.get("approach"), self.before
+        if stated is not None or branches is None or start is None or self.poses is None:
             return stated
-        return approach_on_lines(robot, branches.q_target, self.poses, self.before)
+        signs = approach_on_lines(robot, branches.q_target, self.poses, start.poses)
+        if len(rows := np.flatnonzero(start.by_joints & start.known)):
+            q, of = branches.q_target[rows], start.take(rows)
+            near = np.where((of.status < 0)[:, None], q, np.nan)
+            at = BranchTracker(robot, of.poses, self.tf_flange_tool[rows], q, of.status, of.turn, near=near)
+            signs[rows] = approach_by_joints(q, np.where(at.lost[:, None], np.nan, at.q_target))
+        return signs
 
 
 def _sized(name: str, values: FloatArray | None, shape: tuple[int, ...]) -> FloatArray | None:

@@ -89,9 +89,8 @@ def _of_sides(error_map: PredictingMap) -> Iterator[Fact]:
         joints = ", ".join(str(j + 1) for j in np.flatnonzero(lost))
         words = (
             f"joints {joints} came from one side at all samples, so their lost motion is not known: from the other "
-            f"side it is taken to be {1e3 * np.abs(lost).max():.2f} mrad each, {size:.2f} mm at the tool; targets of "
-            "which no side is known are taken to come from that of the samples; measure from both sides, as programs "
-            "of 'truepose plan' do"
+            f"side it is taken to be {1e3 * np.abs(lost).max():.2f} mrad each, {size:.2f} mm at the tool; measure "
+            "from both sides, as programs of 'truepose plan' do"
         )
         yield Fact("one-sided", words, "fit", size, None, "mm")
     approach = conditions_of(error_map.samples, error_map.cell).get("approach")

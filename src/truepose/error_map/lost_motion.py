@@ -68,9 +68,8 @@ def from_other_sides(
 ) -> FloatArray:
     """Return the variance of poses whose joints come from sides that no sample had, (m, 6) [mm², rad²], base frame.
 
-    A joint from the other side adds the square of its lost motion; one whose side is not known, beside joints of the
-    same pose whose side is, adds half of it, since it comes from either. A pose of which no side is known is taken to
-    be reached as the samples were: it adds nothing, and the fact ``one-sided`` says so.
+    A joint from the other side adds the square of its lost motion; one whose side is not known adds half of it, since
+    it comes from either.
 
     Parameters
     ----------
@@ -86,8 +85,7 @@ def from_other_sides(
         The points of the poses.
     """
     known = np.nan_to_num(approach)
-    unknown = np.where((known != 0.0).any(axis=1, keepdims=True), 0.5, 0.0)
-    share = np.where(known == 0.0, unknown, known == -np.sign(lost))
+    share = np.where(known == 0.0, 0.5, known == -np.sign(lost))
     offset = np.einsum("mij,mj->mi", robot.forward(q)[:, :3, :3], np.broadcast_to(p_flange, (len(q), 3)))
     lever = at_offset(robot.joint_jacobian(q, "pose"), offset)
     return np.asarray(np.einsum("mrj,mj->mr", lever**2, share * lost**2))

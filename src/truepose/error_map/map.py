@@ -21,7 +21,16 @@ from truepose._io.archive import LARGEST_MAP
 from truepose._io.tables import facts_table
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell, ConditionsSection
-from truepose.compensation import Corrections, Guards, JointCoverage, Limits, LimitsInForce, Policy, supported_angle
+from truepose.compensation import (
+    Corrections,
+    Guards,
+    JointCoverage,
+    Limits,
+    LimitsInForce,
+    Policy,
+    Starts,
+    supported_angle,
+)
 from truepose.error_map.conditions import check_work, conditions_of, work_of
 from truepose.error_map.correction import Targets, correct
 from truepose.error_map.encoding import from_bytes, to_bytes
@@ -184,7 +193,7 @@ class ErrorMap(PredictingMap):
         status: IntArray | None = None,
         turn: IntArray | None = None,
         near: FloatArray | None = None,
-        before: FloatArray | None = None,
+        before: FloatArray | Starts | None = None,
         load: FloatArray | None = None,
         p_load: FloatArray | None = None,
         on_guard: Policy | None = None,
@@ -207,9 +216,10 @@ class ErrorMap(PredictingMap):
         near : (n, dof) array [rad], optional
             The joints near which the controller reaches each target, NaN where they are not known. They take precedence
             over Status and Turn, which controllers ignore at straight, circular and spline motions.
-        before : (n, 4, 4) array [mm], base frame, optional
+        before : (n, 4, 4) array [mm], base frame, or Starts, optional
             The poses from which the tool comes straight to each target, NaN where that is not known: they tell the side
-            of its backlash on which each joint stands. A table of Poses may state ``approach`` instead.
+            of its backlash on which each joint stands. `Starts` tells joint motions as well, and a table of Poses may
+            state ``approach`` instead. Without any of these, targets are taken to be reached as the samples were.
         load : (n,) array [kg], optional
             The mass on the flange at each target; NaN where it is that at work. A table of Poses states its own, and
             temperatures.

@@ -18,13 +18,13 @@ from scipy.spatial.transform import Rotation
 from truepose._io.units import parse_share
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
-from truepose.compensation import LimitsInForce, Policy
+from truepose.compensation import LimitsInForce, Policy, Starts
 from truepose.error_map.guards import stated_limits
 from truepose.errors import DataError, RefusedError
 from truepose.geometry import invert_transform
 from truepose.programs.agreement import check_cell, check_identity, check_library, check_maker
 from truepose.programs.core.alternatives import Alternatives, alternatives
-from truepose.programs.core.approaches import poses_before
+from truepose.programs.core.approaches import starts_of
 from truepose.programs.core.columns import TargetColumns
 from truepose.programs.core.configurations import changed_words
 from truepose.programs.core.digits import moved
@@ -197,9 +197,10 @@ def correct_program(
         if known.robot is not None:
             near = joints_along_paths(known.robot, program.targets, known.tf_flange_tool)
     reversing = isinstance(error_map, KnowsApproach) and error_map.depends_on_approach
-    before = poses_before(program) if reversing else None
-    if before is not None:
-        warnings += _from_any_side(error_map, int(np.isnan(before).any(axis=(1, 2)).sum()))
+    starts: Starts | None = None
+    if reversing and known.robot is not None:
+        starts = starts_of(program, known.robot, known.tf_flange_tool)
+        warnings += _from_any_side(error_map, int((~starts.known).sum()))
     asked_map = error_map.at_work(cell) if cell and isinstance(error_map, KnowsWork) else error_map
     if cell and asked_map is not error_map:
         words = cell.conditions.words or f"payload_kg {cell.payload.mass_kg:g}"
@@ -212,8 +213,8 @@ def correct_program(
     for rows, columns in program.correctable_columns():
         if near is not None:
             more["near"] = near[rows]
-        if before is not None:
-            more["before"] = before[rows]
+        if starts is not None:
+            more["before"] = starts.take(rows)
         asked = _ask(asked_map, columns, on_guard, orientation, more)
         for k, shared in _shared(asked_map, program, columns, asked, limits, orientation, more).items():
             i = int(rows[k])
@@ -226,9 +227,10 @@ def correct_program(
         _note(outcomes, rows, asked)
         done += len(rows)
         progress(done, counts["correct"])
-    more.pop("before", None)
     joints = JointCorrection(outcomes, known, "refuse" if on_guard == "refuse" else "skip")
     for posed in joints.posed():
+        if starts is not None:
+            more["before"] = starts.take(posed.rows)
         asked = _ask(asked_map, posed.poses, on_guard, orientation, {**more, "near": posed.q} if more else more)
         asked[4].update(joints.settle(posed, asked[0], asked[3], resolution))
         _note(outcomes, posed.rows, asked)
@@ -303,7 +305,7 @@ def _from_any_side(error_map: Corrector, n: int) -> list[str]:
     facts = error_map.facts if n and isinstance(error_map, KnowsFacts) else []
     if not any(fact.code == "one-sided" for fact in facts):
         return []
-    where = "they are taken to come from that of the samples, which did not measure the lost motion"
+    where = "half of the lost motion that the samples did not measure is in their standard deviation"
     return [f"{n} targets: it is not known from which side their joints come; {where}"]
 
 
@@ -409,7 +411,8 @@ def _shared(
         at = columns.take(others.owner)
         if "before" in more:  # derived positions are reached in the same way, from where the line is moved to as well
             moved = others.poses @ invert_transform(at.poses_base())
-            near["before"] = moved @ more["before"][others.owner]
+            start = more["before"].take(others.owner)
+            near["before"] = start._replace(poses=moved @ start.poses)
         change, _, _, code, reasons = _ask(error_map, at, limits.on_guard, orientation, {**more, **near}, others)
         differs = change - others.corrections(asked[0])
         size = np.linalg.norm(differs[:, :3], axis=1)

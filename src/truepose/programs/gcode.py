@@ -97,6 +97,7 @@ class _Reader(Reader):
         self._compensated = 0
         self._words = 0
         self._returns: list[_Return] = []
+        self._jumps = _JUMP.search(source.data) is not None
 
     def read(self) -> Program:
         none = NotAProgramError(self.source.path, "has no word such as G1 or M30: it is no G-code")
@@ -159,9 +160,12 @@ class _Reader(Reader):
         return use if named or len(self._offsets) > 1 else use._replace(frame=None)
 
     def _line(self, line: int, start: int, end: int) -> None:
+        if self._jumps and _label(self.source.data[start:end]) is not None:
+            self.flow.may_move()  # control may come from elsewhere
         code = _COMMENT.sub(lambda m: b" " * len(m[0]), self.source.data[start:end])
         if control := _CONTROL.match(code):
             self._control(line, control[1].decode().upper(), code)
+            self.flow.may_move()
             return
         words, spans, strange = self._parse(line, code, start)
         self._words += sum(key in "GM" for key, _ in words)
@@ -249,6 +253,7 @@ class _Reader(Reader):
         for code in codes:
             number = code[1:]
             if code[0] == "O" or code in _CALLS:
+                self.flow.may_move()
                 if not self.options.calls_keep_frames and (code[0] != "O" or self.points):
                     self._problem = Problem("refuse", f"what is in force after line {line} ({code}) is not known")
             elif code == "M99":

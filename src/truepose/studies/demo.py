@@ -40,6 +40,7 @@ EVERY_VIEW: Final = "kinematic-kriging"
 _PREDICTOR: Final = {"paper": "ordinary-kriging"}  # the paper's own; varying orientations need the arm's model
 _TOOL, _BASE = 3, 1
 _PANEL_ROWS, _PANEL_COLUMNS = 4, 6
+_APPROACH_DEG: Final = 2.0
 _TOLERANCE_MM: Final = 0.3
 _TEMPERATURE_C: Final = 20.0
 
@@ -157,7 +158,8 @@ def _stated(virtual: VirtualCell) -> Cell:
 
 def _measure(virtual: VirtualCell, directory: Path, name: str, n: int, seed: int) -> Samples:
     """Plan n poses, measure them, and import the readings from the tracker's file."""
-    measured = virtual.measure(virtual.design(n, seed=seed))
+    lags = "backlash" in virtual.effects  # then it is measured, by coming to the poses from either side
+    measured = virtual.measure(virtual.design(n, seed=seed), approach="order" if lags else None)
     measured = replace(measured, name=np.array([f"P{number}" for number in range(1, n + 1)]))
     plan_path, readings_path, samples_path = (
         directory / f"{name}_{kind}" for kind in ("plan.csv", "readings.txt", "samples.csv")
@@ -179,13 +181,16 @@ def _write_program(virtual: VirtualCell, directory: Path) -> Path:
     )
     x = 0.15 * virtual.preset.size_mm[0] * np.cos(np.pi * y / virtual.preset.size_mm[1])
     p_panel = np.stack([x, y, z], axis=-1).reshape(-1, 3).round(2)
-    status, turn = status_turn(virtual.robot, virtual.reach(apply_transform(tf_base_panel, p_panel)))
+    q = virtual.reach(apply_transform(tf_base_panel, p_panel))
+    status, turn = status_turn(virtual.robot, q)
     a, b, c = virtual.preset.abc_deg
     moves, points = [], []
-    # the virtual robot comes to each hole from the side of the samples, which a straight motion would contradict
-    motion = "PTP" if "backlash" in virtual.effects else "LIN"
     for i, ((px, py, pz), s, t) in enumerate(zip(p_panel, status, turn, strict=True), 1):
-        moves.append(f"{'PTP' if i == 1 else motion} XP{i}\nDRILL()\n")
+        if "backlash" in virtual.effects:  # the virtual robot comes to each hole with all joints turning up
+            before = ",".join(f"A{j} {a:.3f}" for j, a in enumerate(np.rad2deg(q[i - 1]) - _APPROACH_DEG, 1))
+            moves.append(f"PTP {{{before}}}\nPTP XP{i}\nDRILL()\n")
+        else:
+            moves.append(f"{'PTP' if i == 1 else 'LIN'} XP{i}\nDRILL()\n")
         points.append(
             f"DECL E6POS XP{i}={{X {px:.3f},Y {py:.3f},Z {pz:.3f},A {a:.3f},B {b:.3f},C {c:.3f},S {s},T {t},E1 0.0}}\n"
             f'DECL FDAT FP{i}={{TOOL_NO {_TOOL},BASE_NO {_BASE},IPO_FRAME #BASE,POINT2[] " "}}\n'
@@ -221,10 +226,11 @@ def _remeasure(
     frames = FrameTable.from_config_dat(original.parent / "$config.dat")
     nominal = read_program(original, frames)
     targets = nominal.positions_base()
-    names = np.array([target.name for target in nominal.targets])
+    names = np.array([target.name for target in nominal.targets if target.joint_form is None])
     paths, missed = [], []
     for name, program in (("original", original), ("corrected", corrected)):
-        measured = virtual.measure(virtual.reach(read_program(program, frames).positions_base()))
+        q = virtual.reach(read_program(program, frames).positions_base())
+        measured = virtual.measure(q, approach=1.0 if "backlash" in virtual.effects else None)
         paths.append(directory / f"panel_{name}_readings.txt")
         write_readings(paths[-1], replace(measured, name=names), "spatial-analyzer")
         missed.append(apply_transform(error_map.registration.tf_base_tracker, measured.p_meas) - targets)

@@ -1,57 +1,108 @@
-"""From where a program reaches its targets, where this is certain: along a straight line from the target before.
+"""From where a program reaches its targets, where this is certain: on a straight line or by a joint motion.
 
-The direction in which each joint comes to a target decides on which side of its backlash it stands. A joint motion may
-start anywhere, and a circle or a spline ends in another direction than that of its chord, so their targets are unknown.
+The direction in which each joint comes to a target decides on which side of its backlash it stands. A circle or a
+spline ends in another direction than that of its chord, so the targets of these are unknown.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
 
-from truepose._typing import FloatArray
+from truepose._typing import BoolArray, FloatArray, IntArray
+from truepose.compensation import Starts
+from truepose.geometry import invert_transform
+from truepose.programs.core.columns import ProgramTargets, TargetColumns
+from truepose.programs.core.joint_digits import by_form
 from truepose.programs.core.program import Program
+from truepose.robots import Robot, shown_joints
 
 _STRAIGHT: Final = re.compile(r"S?LIN(_REL)?|MoveL\w*|L|MOVL|movel|G0?1|GOTO", re.I)
+_BY_JOINTS: Final = re.compile(r"S?PTP(_REL)?|MoveJ\w*|J|MOVJ|movej", re.I)
 
 
-def poses_before(program: Program) -> FloatArray:
-    """Return the pose from which a straight motion reaches each target, (n, 4, 4) [mm], base frame; else NaN.
+def starts_of(program: Program, robot: Robot, tf_flange_tool: FloatArray) -> Starts:
+    """Return from where straight and joint motions reach each target; unknown where several motions differ in this.
 
-    A target that several motions reach from different targets is unknown.
+    Parameters
+    ----------
+    program : Program
+        The program, of n targets.
+    robot : Robot
+        The nominal robot.
+    tf_flange_tool : (4, 4) array [mm]
+        The tool of targets that name none.
     """
     targets = program.targets
-    before = np.full((len(targets), 4, 4), np.nan)
-    row, on_path = targets.motions
-    if not len(row):
-        return before
+    source, n = _sources(targets), len(targets)
+    straight, by_joints = _kinds(targets)
+    of_circles = sorted({i for circle in program.circles for i in circle})
+    straight[of_circles], by_joints[of_circles] = False, False
+    source[list(targets.follows)] = -1
+    poses, status, turn = np.full((n, 4, 4), np.nan), np.full(n, -1), np.full(n, -1)
+    if len(known := np.flatnonzero((straight | by_joints) & (source >= 0))):
+        flange, tool, status_at, turn_at = _flanges(targets, robot, tf_flange_tool)
+        at = source[known]
+        poses[known] = flange[at] @ tool[known]  # the tool of the target is the one that moves
+        status[known], turn[known] = status_at[at], turn_at[at]
+    return Starts(poses, by_joints, status, turn)
+
+
+def _sources(targets: ProgramTargets) -> IntArray:
+    """Return the one target from which motions reach each target, (n,); negative where there is none, or several."""
     source = np.full(len(targets), -1)
-    came, first = np.where(on_path[1:], row[:-1], -2), row[1:]
+    row, _, goes_on = targets.motions
+    if not len(row):
+        return source
+    came, first = np.where(goes_on[1:], row[:-1], -2), row[1:]
     source[first[::-1]] = came[::-1]
-    several = first[came != source[first]]
-    source[several] = -2
+    source[first[came != source[first]]] = -2
     source[row[0]] = -2
-    straight = np.zeros(len(targets), np.bool_)
+    return source
+
+
+def _kinds(targets: ProgramTargets) -> tuple[BoolArray, BoolArray]:
+    """Return whether straight motions alone, and whether joint motions alone, go to each target, (n,)."""
+    found = np.zeros((2, len(targets)), np.bool_)
     for start, columns in targets.chunks():
         kinds, which = columns.shared()
-        only = [bool(kind.motions) and all(_STRAIGHT.fullmatch(word) for word in kind.motions) for kind in kinds]
-        straight[start : start + len(columns)] = np.array(only, np.bool_)[which]
-    straight[sorted({i for circle in program.circles for i in circle})] = False
-    straight[list(targets.follows)] = False
-    known = np.flatnonzero(straight & (source >= 0))
-    if len(known):
-        before[known] = _poses(program)[source[known]]
-    return before
+        for mine, form in zip(found, (_STRAIGHT, _BY_JOINTS), strict=True):
+            only = [bool(kind.motions) and all(map(form.fullmatch, kind.motions)) for kind in kinds]
+            mine[start : start + len(columns)] = np.array(only, np.bool_)[which]
+    return found[0], found[1]
 
 
-def _poses(program: Program) -> FloatArray:
-    """Return the poses of all targets, (n, 4, 4) [mm], base frame; NaN where not known."""
-    poses = np.full((len(program.targets), 4, 4), np.nan)
-    for first, columns in program.targets.chunks():
+def _flanges(
+    targets: ProgramTargets, robot: Robot, tf_flange_tool: FloatArray
+) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
+    """Return of all targets the flange in the base frame and the tool, (n, 4, 4) [mm], Status and Turn, (n,).
+
+    A flange that is not known is NaN; Status and Turn then are −1.
+    """
+    n = len(targets)
+    flange, tool = np.full((n, 4, 4), np.nan), np.empty((n, 4, 4))
+    status, turn = np.full(n, -1), np.full(n, -1)
+    for first, columns in targets.chunks():
+        tool[first : first + len(columns)] = columns.tf_flange_tool(tf_flange_tool)
         known = np.isfinite(columns.values).all(axis=1) & np.isfinite(columns.tf_base_frame()).all(axis=(1, 2))
-        rows = np.flatnonzero(known & ~columns.commands_joints)
-        if len(rows):
-            poses[first + rows] = columns.take(rows).poses_base()
-    return poses
+        if len(rows := np.flatnonzero(known & ~columns.commands_joints)):
+            at = first + rows
+            flange[at] = columns.take(rows).poses_base() @ invert_transform(tool[at])
+            status[at], turn[at] = columns.status[rows], np.where(columns.on_paths, -1, columns.turn)[rows]
+        for rows, q in _commanded(columns, robot):
+            flange[first + rows] = robot.forward(q)
+    return flange, tool, status, turn
+
+
+def _commanded(columns: TargetColumns, robot: Robot) -> Iterator[tuple[IntArray, FloatArray]]:
+    """Yield joint targets and their joints (k, dof) [rad], those that the arm of the map has."""
+    if columns.joints is None or not columns.commands_joints.any():
+        return
+    for form, rows in by_form(columns):
+        if form.count == robot.dof and form.arm is None:
+            q = shown_joints(robot, ground=form.ground).to_model(form.joints(columns.joints[rows]))
+            certain = np.isfinite(q).all(axis=1)
+            yield rows[certain], q[certain]

@@ -231,10 +231,14 @@ class Motions(NamedTuple):
         The target of each.
     on_path : (m,) array of bool
         Whether the tool comes to it on a straight, circular or spline path from the target of the motion before.
+    goes_on : (m,) array of bool
+        Whether it certainly starts at the target of the motion before, on a path or by a joint motion: nothing that
+        moves the robot, and no other way through the program, is between them.
     """
 
     target: IntArray
     on_path: BoolArray
+    goes_on: BoolArray
 
 
 class Follow(NamedTuple):
@@ -252,7 +256,7 @@ class Follow(NamedTuple):
     shift: Shifts | None
 
 
-NO_MOTIONS: Final = Motions(np.empty(0, np.int64), np.empty(0, bool))
+NO_MOTIONS: Final = Motions(np.empty(0, np.int64), np.empty(0, bool), np.empty(0, bool))
 
 
 class ProgramTargets(Sequence[Target]):

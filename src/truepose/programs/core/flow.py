@@ -7,8 +7,9 @@ it has two, the value depends on the way through the program, and nothing is gue
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Final, Literal, NamedTuple
 
 from truepose.programs.core.graph import Counter, Graph, Part
@@ -86,6 +87,44 @@ NOWHERE: Final = State(frozenset(), frozenset(), frozenset(), frozenset())
 START: Final = State(frozenset([UNSET]), frozenset([UNSET]), frozenset(["BASE"]), frozenset([NO_FDAT]))
 
 
+class Piece:
+    """A piece of program that control passes from its beginning to its end, without jumps.
+
+    Parameters
+    ----------
+    before : Piece, optional
+        The piece that calls routines at its end, and always goes on with this one behind them.
+    calls : collection of str
+        These routines.
+    moves : callable
+        A function of a routine's name: whether the robot may move in it.
+    """
+
+    def __init__(
+        self, before: Piece | None = None, calls: Collection[str] = (), moves: Callable[[str], bool] = bool
+    ) -> None:
+        self._before, self._calls, self._moves = before, calls, moves
+
+    @cached_property
+    def start(self) -> Piece:
+        """The first of the pieces before this one that it goes on from without a motion in between."""
+        chain: list[Piece] = [self]
+        while (last := chain[-1])._before is not None and not any(map(last._moves, last._calls)):
+            chain.append(last._before)
+        return chain[-1]
+
+
+class Section(NamedTuple):
+    """Where in a program a motion stands: the number of its section, see `Flow.section`, and its piece."""
+
+    number: int
+    piece: Piece
+
+
+WHOLE: Final = Section(0, Piece())
+"""Of all motions of a program without control flow."""
+
+
 @dataclass(slots=True)
 class _Node:
     changes: dict[str, frozenset[object]] = field(default_factory=dict)
@@ -155,20 +194,25 @@ class Flow:
         self.states: list[State] = []
         self.graph: Graph | None = None
         self._loops: dict[int, tuple[Counter, int, int]] = {}
+        self._piece = Piece()
+        self._moving: set[str] = set()
+        self._called_in: dict[str, set[str]] = {}
         self._certain: list[tuple[int, int, int]] = []
         self._new()
         self._open.add(0)
 
-    def _new(self, *before: int) -> int:
+    def _new(self, *before: int, piece: Piece | None = None) -> int:
+        """Start a node behind some others; in a new piece where none is given."""
         self._nodes.append(_Node())
         self.node = len(self._nodes) - 1
         for node in before:
             self._nodes[node].followers.append(self.node)
+        self._piece = piece or Piece()
         return self.node
 
     def _advance(self) -> int:
-        """Start a node behind the current one."""
-        return self._new(self.node)
+        """Start a node behind the current one, in the same piece."""
+        return self._new(self.node, piece=self._piece)
 
     def step(self) -> None:
         """Separate the statements before and behind this, if errors are handled."""
@@ -218,7 +262,7 @@ class Flow:
         """Mark the routine that begins here as one that an interrupt may call from anywhere."""
         self._interrupting = True
         self._interrupts.add(self._routine)
-        self._parts.append(Part(self._advance()))
+        self._parts.append(Part(self._new(self.node)))
 
     def resume(self) -> None:
         """Return to the place that control came from: RETRY and similar."""
@@ -262,7 +306,7 @@ class Flow:
     def call(self, name: str, text: str) -> None:
         """Call a subprogram; `text` is the reason why tool and base are unknown if it is not in this program."""
         before = self.node
-        after = self._new()
+        after = self._new(piece=self._behind([name]))
         self._calls.append((name, before, after, text))
 
     def start(self, name: str) -> None:
@@ -285,7 +329,7 @@ class Flow:
     def call_one_of(self, names: list[str]) -> None:
         """Call one of several subprograms of this program, or none."""
         before = self.node
-        after = self._advance()
+        after = self._new(before, piece=self._behind(names))
         self._calls += [(name, before, after, "") for name in names]
 
     def stop(self) -> None:
@@ -298,7 +342,7 @@ class Flow:
         entry = self._advance()
         if kind not in ("IF", "SWITCH"):
             before = entry
-            self._advance()  # the body; the loop comes back to the node before it
+            self._new(entry)  # the body; the loop comes back to the node before it
         self._blocks.append(_Block(kind, line, before, counter=counter, runs=runs))
 
     def branch(self, kind: str, *, last: bool) -> None:
@@ -343,10 +387,35 @@ class Flow:
         """Return the names of the routines."""
         return self._routines
 
-    @property
-    def section(self) -> int:
-        """Return a number that changes where a routine or a part of one begins."""
-        return len(self._routines) + len(self._parts)
+    def motion(self) -> Section:
+        """Return where a motion here stands, and note that the robot moves in the routine.
+
+        The number of the section changes where a routine or a part of one begins.
+        """
+        self._moving.add(self._routine)
+        return Section(len(self._routines) + len(self._parts), self._piece)
+
+    def may_move(self) -> None:
+        """Let the robot move here as this program does not show."""
+        self._moving.add(self._routine)
+        self._piece = Piece()
+
+    def _behind(self, names: list[str]) -> Piece:
+        """Return the piece behind a call of routines."""
+        self._called_in.setdefault(self._routine, set()).update(names)
+        return Piece(self._piece, names, self._moves)
+
+    def _moves(self, name: str) -> bool:
+        """Return whether the robot may move in a routine; it may in one that is not in this program."""
+        found, waiting = {name}, [name]
+        while waiting:
+            one = waiting.pop()
+            if one in self._moving or one not in self._routines:
+                return True
+            new = self._called_in.get(one, set()) - found
+            found |= new
+            waiting += new
+        return False
 
     @property
     def counters(self) -> tuple[Counter, ...]:
@@ -394,7 +463,7 @@ class Flow:
 
     def label(self, name: str) -> None:
         """Note a target of GOTO."""
-        self._labels[name] = self._advance()
+        self._labels[name] = self._new(self.node)
 
     def goto(self, name: str) -> None:
         """Jump to a label of the routine."""

@@ -46,7 +46,7 @@ def joints_along_paths(robot: Robot, targets: ProgramTargets, tf_flange_tool: Fl
     (n, 6) array of float32 [rad], or None
         NaN where the joints do not follow from a PTP motion with Status and Turn; None where this holds for all.
     """
-    row, on_path = targets.motions
+    row, on_path, _ = targets.motions
     status, turn, on_paths = _configurations(targets)
     commanded, stated = _commanded(robot, targets)
     if not len(row) or not on_paths.any() or not (len(commanded) or ((turn >= 0) & ~on_paths).any()):
@@ -135,7 +135,7 @@ def _followed(motions: Motions, q: FloatArray, anchors: BoolArray) -> tuple[Floa
 
     Joints of targets `q` (n, dof) are known up to full turns, those of the targets in `anchors` completely.
     """
-    row, on_path = motions
+    row, on_path, _ = motions
     known, anchor = np.isfinite(q[row, 0]), anchors[row]
     joined = on_path & known & ~anchor
     joined[1:] &= known[:-1]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.programs.core.columns import NO_MOTIONS, Follow, Motions, ProgramTargets, Stretch
+from truepose.programs.core.flow import Piece, Section
 from truepose.programs.core.program import linked
 from truepose.programs.core.source import Source, Span
 from truepose.programs.core.target import JOINT_MOTION, Target
@@ -25,8 +26,8 @@ class Visit(NamedTuple):
         The name of the file; empty where there is one.
     line, order : int
         The line, and the place among the motions of the line.
-    section : int
-        The number of the section. Control does not go from one section into the next.
+    section : Section
+        Where it stands. Control does not go from one section into the next.
     item : int
         The target, or the run of targets.
     word : str
@@ -36,7 +37,7 @@ class Visit(NamedTuple):
     file: str
     line: int
     order: int
-    section: int
+    section: Section
     item: int
     word: str
 
@@ -50,7 +51,7 @@ class Sweep(NamedTuple):
     file: str
     line: NDArray[np.int32]
     order: int
-    section: int
+    section: Section
     word: str
 
     @classmethod
@@ -109,23 +110,30 @@ def _motions(visits: Sequence[Visit], sweeps: Sequence[tuple[Sweep, int]], place
         return NO_MOTIONS
     files = {name: k for k, name in enumerate(sorted({v.file for v in visits} | {s.file for s, _ in sweeps}))}
     words = {word: k for k, word in enumerate(sorted({v.word for v in visits} | {s.word for s, _ in sweeps}))}
-    by_visit = [(files[v.file], v.line, v.order, v.section, v.item, words[v.word]) for v in visits]
-    singles = np.array(by_visit, np.int32).reshape(-1, 6).T
+    pieces: dict[Piece, int] = {}
+
+    def where(at: Visit | Sweep) -> tuple[int, int]:
+        return at.section.number, pieces.setdefault(at.section.piece.start, len(pieces))
+
+    by_visit = [(files[v.file], v.line, v.order, *where(v), v.item, words[v.word]) for v in visits]
+    singles = np.array(by_visit, np.int32).reshape(-1, 7).T
     targets = [np.array([places[v.item] for v in visits], np.int64)]
     keys: list[list[NDArray[np.int32]]] = [[key] for key in singles]
     for sweep, item in sweeps:
         n = len(sweep.line)
-        one = (files[sweep.file], sweep.line, sweep.order, sweep.section, item, words[sweep.word])
+        one = (files[sweep.file], sweep.line, sweep.order, *where(sweep), item, words[sweep.word])
         for column, value in zip(keys, one, strict=True):
             column.append(np.broadcast_to(np.asarray(value, np.int32), n))
         targets.append(np.arange(places[item], places[item] + n))
-    file, line, order, section, item_, word = map(np.concatenate, keys)
+    file, line, order, section, piece, item_, word = map(np.concatenate, keys)
     sequence = np.lexsort((word, item_, section, order, line, file))
     on_path = np.array([JOINT_MOTION.fullmatch(text) is None for text in words])[word[sequence]]
-    file, section = file[sequence], section[sequence]
-    on_path[:1] = False
-    on_path[1:] &= (file[1:] == file[:-1]) & (section[1:] == section[:-1])
-    return Motions(np.concatenate(targets)[sequence], on_path)
+    file, section, piece = file[sequence], section[sequence], piece[sequence]
+    follows = np.zeros(len(file), np.bool_)
+    follows[1:] = (file[1:] == file[:-1]) & (section[1:] == section[:-1])
+    goes_on = follows.copy()
+    goes_on[1:] &= piece[1:] == piece[:-1]
+    return Motions(np.concatenate(targets)[sequence], on_path & follows, goes_on)
 
 
 def _joined(items: Sequence[Target | Stretch], circles: tuple[tuple[int, ...], ...]) -> dict[int, Target]:

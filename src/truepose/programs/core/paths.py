@@ -244,7 +244,7 @@ class Paths:
 
     def _rows(self, corrected: BoolArray) -> tuple[IntArray, IntArray]:
         """Return the targets along all paths, and for each the number of its path; standing still counts once."""
-        row, on_path = self._motions
+        row, on_path, _ = self._motions
         known = np.isfinite(self._p[row, 0]) if len(row) else np.empty(0, bool)
         joined = on_path & known
         joined[1:] &= known[:-1]

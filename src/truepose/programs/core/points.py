@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
 
+from truepose.programs.core.flow import WHOLE, Section
 from truepose.programs.core.joint_targets import JointNumbers
 from truepose.programs.core.order import Visit
 from truepose.programs.core.program import MEASURED_TOOL, Key, KnownFrames
@@ -116,7 +117,7 @@ class Use(NamedTuple):
     tool: Frame | None = None
     frame: Frame | None = None
     problem: Problem | None = None
-    section: int = 0
+    section: Section = WHOLE
     order: int = 0
 
     def visit(self, item: int) -> Visit:

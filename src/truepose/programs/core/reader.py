@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable
 from typing import NamedTuple, Protocol, TypeVar
 
-from truepose.programs.core.flow import BlockError, Flow
+from truepose.programs.core.flow import BlockError, Flow, Section
 from truepose.programs.core.forms import FoundRun
 from truepose.programs.core.judge import Judge
 from truepose.programs.core.points import Frame, Place, Point, Problem, Use
@@ -80,9 +80,10 @@ class Reader:
         tool: Frame | None = None,
         frame: Frame | None = None,
         problem: Problem | None = None,
+        section: Section | None = None,
     ) -> Use:
-        """Return a motion in the routine that is being read."""
-        return Use(word, line, tool, frame, problem, section=self.flow.section)
+        """Return a motion; where no section is given, in the routine that is being read."""
+        return Use(word, line, tool, frame, problem, section or self.flow.motion())
 
     def other(self, word: str, line: int, problem: Problem, name: str = "") -> Point:
         """Add a motion that has no numbers to correct."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from truepose.errors import FileError
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import Shift, State
+from truepose.programs.core.flow import Section, Shift, State
 from truepose.programs.core.forms import FoundRun, Lines, RunFinder
 from truepose.programs.core.named import Group
 from truepose.programs.core.points import RELATIVE, RUN_TIME, Derived, FileLine, Point, Problem, Use, unknown_motion
@@ -44,7 +44,8 @@ class _Move(NamedTuple):
     word: str
     line: int
     node: int
-    problem: Problem | None
+    section: Section
+    problem: Problem | None = None
 
 
 def read(
@@ -79,7 +80,7 @@ class _Reader(Reader):
     ) -> None:
         super().__init__(source, frames, options)
         self._controller, self._beside = controller, beside
-        self._kinds: dict[tuple[str, int], int] = {}
+        self._kinds: dict[tuple[str, int, Section], int] = {}
         self._runs: list[FoundRun] = []
         self._moves: list[_Move] = []
         self._labels: set[bytes] = set()
@@ -226,7 +227,8 @@ class _Reader(Reader):
             return
         m = words.MOTION.match(self.source.data, piece.start)
         assert m is not None  # of `_CAM_MOTION`
-        kind = self._kinds.setdefault((m[3].decode().upper(), self.flow.node), len(self._kinds))
+        like = m[3].decode().upper(), self.flow.node, self.flow.motion()
+        kind = self._kinds.setdefault(like, len(self._kinds))
         if self._plain() and self._positions.named.move(piece, 0, kind):
             self.arc(None)
             return
@@ -335,6 +337,7 @@ class _Reader(Reader):
         else:
             return
         self._calls.append((name, self.flow.node))
+        self.flow.may_move()
         self._may_be(_UNSHIFTED)
         for shift in sorted(self._known().left.get(name, ())):
             self._may_shift(shift)
@@ -381,7 +384,7 @@ class _Reader(Reader):
             name = words.AXES.search(m[5])
             shown_axis = name[0].decode("latin-1") if name else external[0][0]
             problem = Problem("refuse", f"external axis {shown_axis} is in use and has no model; allow external_axes")
-        self._moves.append(_Move(point, word, line, self.flow.node, problem))
+        self._moves.append(_Move(point, word, line, self.flow.node, self.flow.motion(), problem))
         self.arc(point if word == "MOVC" else None)
 
     def _station(self, kind: str) -> bool:
@@ -446,8 +449,8 @@ class _Reader(Reader):
             self._positions.take_out(row)
         moves = list(self._moves)
         for row, line, kind in named.left():
-            word, node = kinds[kind]
-            moves.append(_Move(self._positions.take_out(row), word, line, node, None))
+            word, node, section = kinds[kind]
+            moves.append(_Move(self._positions.take_out(row), word, line, node, section))
         self._moves = sorted(moves, key=_line)
 
     def _alike(self, group: Group) -> bool:
@@ -460,8 +463,8 @@ class _Reader(Reader):
         return first._replace(line=last.line) == last and not a and not b
 
     def _uses_in(self, group: Group, line: int) -> tuple[Use | None, list[Derived]]:
-        word, node = list(self._kinds)[group.kind]
-        return self._uses_at(_Move(self._positions.first[group.run], word, line, node, None))
+        word, node, section = list(self._kinds)[group.kind]
+        return self._uses_at(_Move(self._positions.first[group.run], word, line, node, section))
 
     def _attach(self) -> None:
         """Give each position the motions to it, now that the shifts in force at each are known."""
@@ -493,11 +496,11 @@ class _Reader(Reader):
             if isinstance(found, Problem):
                 problem = found
                 break
-            derived.append(found._replace(uses=(self.use(move.word, move.line, tool, frame),)))
+            derived.append(found._replace(uses=(self.use(move.word, move.line, tool, frame, None, move.section),)))
         problem = problem or self._all_read
         if problem is None and derived and _UNSHIFTED not in state.ipo:
             return None, derived
-        return self.use(move.word, move.line, tool, frame, problem), [] if problem else derived
+        return self.use(move.word, move.line, tool, frame, problem, move.section), [] if problem else derived
 
     def _settled(self) -> Controller:
         """Return what is known about the P variables of all jobs; without a backup, what this job tells."""

@@ -87,13 +87,13 @@ class KrlMotionReader:
 
     def other(self, word: str, line: int, problem: Problem, name: str = "") -> Point:
         """Note a motion that has no numbers to correct."""
-        use = Use(word, self.place(line), section=self._flow.section)
+        use = Use(word, self.place(line), section=self._flow.motion())
         point = Point(name or f"{word}:{line}", self._source, line, problem=problem, uses=[use])
         self.others.append(point)
         return point
 
     def _motion(self, word: str, line: int, settings: Settings) -> KrlMotion:
-        return KrlMotion(word, self.place(line), self._flow.node, *settings, self._flow.section)
+        return KrlMotion(word, self.place(line), self._flow.node, *settings, self._flow.motion())
 
     def read(self, statement: Statement) -> None:
         """Take one motion."""

@@ -12,7 +12,7 @@ from typing import Final, Literal, NamedTuple, TypeVar
 
 from truepose.geometry import euler, make_transform
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import FdatFrames, InForce, State
+from truepose.programs.core.flow import WHOLE, FdatFrames, InForce, Section, State
 from truepose.programs.core.joint_targets import KUKA, JointNumbers
 from truepose.programs.core.judge import WITHIN, Judge, NotCorrected
 from truepose.programs.core.points import JOINTS as JOINT_TARGET
@@ -47,7 +47,7 @@ class KrlMotion(NamedTuple):
     tool: InForce | None = None
     base: InForce | None = None
     ipo: str | None = None
-    section: int = 0
+    section: Section = WHOLE
 
     @property
     def line(self) -> int:

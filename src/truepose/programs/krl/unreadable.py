@@ -65,6 +65,7 @@ def _take_routines(name: str, text: bytes, words: set[str], place: FileLine, sha
     flow.handlers += sorted(handlers)
     for routine in sorted(defined_in(name, text) - set(flow.routines)):
         flow.begin_routine(routine, outside=False)
+        flow.motion()
         unknown = InForce("call", f"{routine}() was called, which cannot be read")
         flow.change(tool=unknown, base=unknown, fdat=FdatFrames(unknown, unknown, "BASE"))
         if "$IPO_MODE" in words:

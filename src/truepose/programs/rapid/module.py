@@ -441,6 +441,7 @@ class RapidModule:
             self._unknown_call("a procedure is called by a name that only the run time knows", line)
 
     def _unknown_call(self, text: str, line: int) -> None:
+        self._flow.may_move()
         if not self._options.calls_keep_frames:
             text = f"{text} ({at(self._names.place(line))})"
             self._flow.change(ipo=text, tool=InForce("call", text))

@@ -201,7 +201,7 @@ class RapidMotionReader:
         return found
 
     def _use(self, word: str, token: Token, line: int) -> Use:
-        return Use(word, self._names.place(line), section=self._task.flow.section, order=token.start)
+        return Use(word, self._names.place(line), section=self._task.flow.motion(), order=token.start)
 
     def _add(self, point: Point, use: Use) -> Point:
         point.uses.append(use)

@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from truepose.programs.core import shifts
+from truepose.programs.core.flow import Section
 from truepose.programs.core.forms import FoundRun, Lines
 from truepose.programs.core.named import Group
 from truepose.programs.core.points import FileLine, Place, Point, Problem, Use, not_understood, unknown_motion
@@ -75,6 +76,7 @@ class _Motion(NamedTuple):
     word: str
     line: int
     node: int
+    section: Section
     problem: Problem | None = None
     coordinated: bool = False
     followed: bool = False
@@ -164,7 +166,7 @@ class _Reader(Reader):
         motion = _MOTION.match(data, numbered.end() if numbered else piece.start)
         assert motion is not None  # of `_CAM_MOTION`
         coordinated = _COORD.search(data, piece.start, data.find(b"\n", piece.start)) is not None
-        like = _Motion(motion[1].decode(), 0, self.flow.node, coordinated=coordinated)
+        like = _Motion(motion[1].decode(), 0, self.flow.node, self.flow.motion(), coordinated=coordinated)
         kind = self._kinds.setdefault(like, len(self._kinds))
         self._coordinated = self._coordinated or coordinated
         if self._positions.named.move(piece, 1, kind):
@@ -265,6 +267,7 @@ class _Reader(Reader):
 
     def _called(self, name: str, effects: Effects | None) -> None:
         """Follow a call of another program, whose effects may be known."""
+        self.flow.may_move()
         if effects is None or any(list(tp_frames.chosen(one, self._group)) for _, one in effects.frames):
             self.flow.call(name.upper(), f"{name} was called, which is not in this file")
 
@@ -306,7 +309,9 @@ class _Reader(Reader):
         self._coordinated = self._coordinated or coordinated
         end = goals[-1].end()
         points = [
-            self._goal(m, _Motion(word, line, self.flow.node, problem, coordinated, followed), code[end:])
+            self._goal(
+                m, _Motion(word, line, self.flow.node, self.flow.motion(), problem, coordinated, followed), code[end:]
+            )
             for m in goals
         ]
         if word == "C" and None not in points:
@@ -443,7 +448,7 @@ class _Reader(Reader):
             stopped = stopped or self._monitored
         others = self._with_others(taught, motion.coordinated)
         problem = shifts.problem_of(state.shifts) or motion.problem or others or stopped
-        return self.use(motion.word, motion.line, tool, base, problem)
+        return self.use(motion.word, motion.line, tool, base, problem, motion.section)
 
     def _with_others(self, taught: Taught, coordinated: bool) -> Problem | None:
         """Return what is against a motion together with other groups."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
 
+from truepose.programs.core.flow import Piece, Section
 from truepose.programs.core.points import FileLine, Frame, Point, Problem, Use
 from truepose.programs.core.source import parse_number, shown
 from truepose.programs.val3.code import ProgramCode, Reference, Statement
@@ -146,6 +147,7 @@ class _Program:
     ) -> None:
         self._uses, self._code, self._tool, self._name, self._alias = uses, code, tool, name, alias
         self._values: dict[str, Shifted | None] = {}
+        self._section = Section(0, Piece())
         self._locals = Variables(loose=set(code.parameters))
         uses.variables.shared |= code.starts_tasks
         altered = _ALTER.search(code.data)
@@ -159,6 +161,7 @@ class _Program:
         for statement in self._code.statements():
             if statement.is_border:
                 self._values.clear()
+                self._section = Section(0, Piece())
             taken = self._motions(statement)
             self._assignment(statement, taken)
             indices = self._code.indices(statement.start, statement.end)
@@ -210,7 +213,7 @@ class _Program:
 
         def use(point: Point) -> Use:
             order = rank * _MOST_ELEMENTS + min(self._uses.place_of(point), _MOST_ELEMENTS - 1)
-            return Use(word, place, tool, self._uses.frame_of(point), problem, order=order)
+            return Use(word, place, tool, self._uses.frame_of(point), problem, self._section, order)
 
         variable = self._variable(*goal)
         value = self._values.get(variable) if variable else None
