@@ -125,7 +125,10 @@ def release(
         emit_json({"map": done.map, "superseded": done.superseded})
         return
     say(f"Released {_map(done.map)}.", *(f"Superseded {_map(one)}." for one in done.superseded))
-    show_facts(map(Fact.from_dict, done.map["figures"].get("facts", [])))
+    figures = done.map["figures"]
+    if "left_out" in figures:  # maps of earlier versions do not say
+        say(f"It is of {figures['n']} samples, {figures['left_out']} left out.")
+    show_facts(map(Fact.from_dict, figures.get("facts", [])))
 
 
 def withdraw(

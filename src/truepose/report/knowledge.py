@@ -114,7 +114,7 @@ def knowledge(error_map: ErrorMap, *, suggestions: int = 5, rng: int = 0) -> Kno
     size = np.linalg.norm(error_map.predict_errors(candidates)[1], axis=1)
     unknown = None
     if candidates.approach is not None:
-        unsure = error_map.predict_errors(replace(candidates, approach=None))[1]
+        unsure = error_map.predict_errors(replace(candidates, approach=np.zeros_like(candidates.approach)))[1]
         unknown = float(np.linalg.norm(unsure, axis=1).mean())
     curves, shares = [], {}
     if isinstance(model, KinematicKriging):

@@ -239,11 +239,20 @@ def _accuracy(evidence: Evidence, say: Locale) -> Section:
     ]
     heads = [say(f"accuracy.column_{key}") for key in ("figure", "value", "low", "high")]
     blocks += [Text(say("accuracy.intervals")), Table(heads, intervals)]
+    blocks.append(_left_out(evidence, say))
     if "coverage" in found:
         cover = found["coverage"]
         shares_inside = {key: 100 * cover[key] for key in ("within_68", "within_95")}
         blocks.append(Text(say("accuracy.coverage", **shares_inside, rms=cover["standardised_rms"])))
     return Section(say("accuracy.title"), blocks)
+
+
+def _left_out(evidence: Evidence, say: Locale) -> Text:
+    """Return how many readings took no part in the figures: those of the fit, and those of the held-out table."""
+    n = len(evidence.error_map.excluded)
+    if evidence.held_out is None:
+        return Text(say("accuracy.left_out", n=n))
+    return Text(say("accuracy.left_out_of_both", n=n, held_out=len(evidence.held_out.excluded)))
 
 
 def _errors(evidence: Evidence, say: Locale, interactive: bool) -> Section:
@@ -359,7 +368,8 @@ def _model(evidence: Evidence, say: Locale) -> Section:
     heads = [say(f"model.column_{columns[k]}") for k in shown]
     noted = len(columns) - 1 in shown
     table = Table(heads, [[row[k] for k in shown] for row in ranked], last_left=int(noted))
-    return Section(say("model.title"), [*blocks, Text(say("model.chosen")), table, *_expected(evidence, say)])
+    chosen = [Text(say("model.chosen")), _left_out(evidence, say)]
+    return Section(say("model.title"), [*blocks, *chosen, table, *_expected(evidence, say)])
 
 
 def _better(evidence: Evidence, say: Locale) -> list[Block]:

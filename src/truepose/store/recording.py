@@ -112,7 +112,8 @@ def add_map(
 ) -> int:
     """Add a map as a draft; a file that was packed again is the map that the store has."""
     worth, facts = error_map.worth.to_dict(), facts_data(error_map)
-    figures = {"n": len(error_map.samples), "expected": error_map.expected, "worth": worth, "facts": facts}
+    counts = {"n": len(error_map.samples), "left_out": len(error_map.excluded)}
+    figures = {**counts, "expected": error_map.expected, "worth": worth, "facts": facts}
     name = path.name.removesuffix(".truepose")
     data, predictor = as_written(path.read_bytes(), path), error_map.predictor_name
     return records.put_map(change, records.NewMap(cell_id, name, data, predictor, figures, reading_sets, parent_id))

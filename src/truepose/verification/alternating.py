@@ -9,8 +9,8 @@ vector in the frame of the flange or by a rigid motion in the base frame. With t
 Which readings these are is not known: their probabilities and θ are estimated in turn (expectation maximisation). Each
 reading is judged by its residual from all others, with Student's t, so that heavy tails make no population. Twice the
 gain of the log density by a second population, for as many readings as there are degrees of freedom, is compared with
-χ² of twice the number of unknowns (θ and the share). Errors of the arm that the model lacks, such as a jump in a joint,
-divide readings as well, but not far apart: two populations hardly overlap.
+χ² of twice the number of unknowns (θ and the share). Errors of the arm that the model lacks divide readings as well,
+but not far apart (two populations hardly overlap), or as a step in one parameter of the arm.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ _ROUNDS: Final = 12
 _TAIL: Final = 5.0  # degrees of freedom of Student's t
 _SCALES: Final = np.geomspace(0.01, 2.0, 24)  # of the variances of a model without a second population
 _MEDIAN: Final = 2.366  # χ² with three degrees of freedom
+_CLEARLY: Final = 1.3  # ratio of gains, of populations and of a step in the arm
+_FARTHEST: Final = 6  # readings
 _WORTH: Final = 5.0  # gain from which a model with two populations is fitted
 _FAR: Final = 40.0  # squared distance of gross readings
 
@@ -115,6 +117,8 @@ def alternating(campaign: testing.Campaign) -> Change | None:
     member, k = (second.member > 0.5).astype(float), second.columns.shape[2]
     model = testing.fit(part, [second.columns * member[:, None, None]])
     share, smaller = member.mean(), 1.0 if member.mean() <= 0.5 else 0.0
+    if _of_the_arm(left, part, second, alone):
+        return None
     members = rows[member == smaller]
     between = fault(
         "alternating",
@@ -130,6 +134,22 @@ def alternating(campaign: testing.Campaign) -> Change | None:
     return replace(between, p_value=chance, members=tuple(members.tolist()), frame=frame)
 
 
+def _of_the_arm(left: _LeftOut, part: testing.Campaign, second: _Second, alone: float) -> bool:
+    """Return whether a step in one parameter of the arm explains the second population nearly as well."""
+    steps = (
+        _searched(left, column[:, :, None], second.member, alone)
+        for column in np.moveaxis(part.columns, 2, 0)
+        if not _is_constant(column)
+        and (part.rotation is None or not _is_constant(np.einsum("iba,ib->ia", part.rotation, column)))
+    )
+    return any(step is not None and _CLEARLY * step.gain >= second.gain for step in steps)
+
+
+def _is_constant(vectors: FloatArray) -> bool:
+    """Return whether vectors (n, 3) are nearly the same."""
+    return bool(np.mean((vectors - vectors.mean(axis=0)) ** 2) < 0.01 * np.mean(vectors**2))
+
+
 def _frames(part: testing.Campaign, residual: FloatArray) -> list[tuple[str, FloatArray, FloatArray]]:
     """Return the frames in which populations may differ: name, columns (n, 3, k), and the residuals in it (n, 3)."""
     found = [("base", part.rigid[:, :, :3], residual)]
@@ -139,11 +159,17 @@ def _frames(part: testing.Campaign, residual: FloatArray) -> list[tuple[str, Flo
 
 
 def _starts(seen: FloatArray) -> list[FloatArray]:
-    """Return memberships to start from: either side of the middle along the main directions, and by turns."""
+    """Return memberships to start from.
+
+    They are either side of the middle along the main directions; by turns; and the readings that are nearer to one of
+    the farthest ones than to the middle, since few readings hardly turn the main directions.
+    """
     centred = seen - np.median(seen, axis=0)
+    size = np.linalg.norm(centred, axis=1)
+    beside = [np.linalg.norm(centred - centred[i], axis=1) < size for i in np.argsort(-size)[:_FARTHEST]]
     limited = centred * np.minimum(1.0, 3.0 * np.median(np.abs(centred)) / np.maximum(np.abs(centred), 1e-12))
     axes = np.linalg.svd(limited, full_matrices=False)[2][:2]
-    return [*(limited @ axis > 0.0 for axis in axes), np.arange(len(seen)) % 2 > 0]
+    return [*(limited @ axis > 0.0 for axis in axes), np.arange(len(seen)) % 2 > 0, *beside]
 
 
 def _searched(left: _LeftOut, columns: FloatArray, start: FloatArray, alone: float) -> _Second | None:
