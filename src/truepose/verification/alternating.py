@@ -33,7 +33,8 @@ _ROUNDS: Final = 12
 _TAIL: Final = 5.0  # degrees of freedom of Student's t
 _SCALES: Final = np.geomspace(0.01, 2.0, 24)  # of the variances of a model without a second population
 _MEDIAN: Final = 2.366  # χ² with three degrees of freedom
-_CLEARLY: Final = 1.3  # ratio of gains, of populations and of a step in the arm
+_ALIKE: Final = 1.1  # ratio of gains, of populations and of a step in the arm
+_CONSTANT: Final = 0.012  # of the squared length of vectors
 _FARTHEST: Final = 6  # readings
 _WORTH: Final = 5.0  # gain from which a model with two populations is fitted
 _FAR: Final = 40.0  # squared distance of gross readings
@@ -135,19 +136,24 @@ def alternating(campaign: testing.Campaign) -> Change | None:
 
 
 def _of_the_arm(left: _LeftOut, part: testing.Campaign, second: _Second, alone: float) -> bool:
-    """Return whether a step in one parameter of the arm explains the second population nearly as well."""
-    steps = (
-        _searched(left, column[:, :, None], second.member, alone)
-        for column in np.moveaxis(part.columns, 2, 0)
-        if not _is_constant(column)
-        and (part.rotation is None or not _is_constant(np.einsum("iba,ib->ia", part.rotation, column)))
-    )
-    return any(step is not None and _CLEARLY * step.gain >= second.gain for step in steps)
+    """Return whether a step in one parameter of the arm explains the second population about as well.
+
+    A parameter that moves all its readings by the same vector is no other explanation.
+    """
+    for column in np.moveaxis(part.columns, 2, 0):
+        step = _searched(left, column[:, :, None], second.member, alone)
+        if step is None or _ALIKE * step.gain < second.gain:
+            continue
+        own = step.member > 0.5
+        turned = column if part.rotation is None else np.einsum("iba,ib->ia", part.rotation, column)
+        if not _is_constant(column[own]) and not _is_constant(turned[own]):
+            return True
+    return False
 
 
 def _is_constant(vectors: FloatArray) -> bool:
     """Return whether vectors (n, 3) are nearly the same."""
-    return bool(np.mean((vectors - vectors.mean(axis=0)) ** 2) < 0.01 * np.mean(vectors**2))
+    return bool(np.mean((vectors - vectors.mean(axis=0)) ** 2) < _CONSTANT * np.mean(vectors**2))
 
 
 def _frames(part: testing.Campaign, residual: FloatArray) -> list[tuple[str, FloatArray, FloatArray]]:
