@@ -193,14 +193,17 @@ def _made_for(program: Program) -> str:
 
 
 def controllers_for(
-    backup: Backup, robot: Robot | None, names: Sequence[str] = (), *, other_maker: bool = False
+    backup: Backup, robot: Robot | None, names: Sequence[str] = (), reason: str = "", *, other_maker: bool = False
 ) -> list[Controller]:
     """Return the controllers of a backup that a map corrects: those of some names, or the only one of its maker.
+
+    `reason`: why the map of another robot is used.
 
     Raises
     ------
     RefusedError
-        If there is none, or several and no names, or another one of the backup is that of the map's robot.
+        If there is none, or several and no names, or it names another model than that of the map's robot and there is
+        no reason.
     DataError
         If there is no controller of a name.
     """
@@ -217,18 +220,23 @@ def controllers_for(
         left = ", ".join(f"{one.name} ({one.maker})" for one in others)
         warnings.warn(f"{backup.path}: left as they are: {left}", UserWarning, stacklevel=2)
     for one in wanted:
-        _check_model(backup, one, robot)
+        _check_model(backup, one, robot, reason)
     return wanted
 
 
-def _check_model(backup: Backup, controller: Controller, robot: Robot | None) -> None:
-    """Refuse a controller whose robot is another one than the map's, if the backup has one that is it."""
+def _check_model(backup: Backup, controller: Controller, robot: Robot | None, reason: str) -> None:
+    """Refuse a controller whose robot is another model than the map's; warn where its name may mean the same one."""
     if robot is None or not controller.contents.robot or _fits(controller, robot) or not _numbers(robot.name):
         return
     what = f"{controller.root}: the backup names the robot {controller.contents.robot}, the map is of {robot.name}"
     if better := [one for one in backup.controllers if one.contents.robot and _fits(one, robot)]:
         raise RefusedError(f"{what}, which is that of {better[0].name}; name that one, or take the map of this robot")
-    warnings.warn(f"{what}: make sure that they are the same", UserWarning, stacklevel=3)
+    if reason:
+        warnings.warn(f"{what}; accepted, with the reason: {reason}", UserWarning, stacklevel=3)
+    elif _is_other(controller.contents.robot, robot.name):
+        raise RefusedError(f"{what}; take the map of this robot, or accept it with --other-robot REASON")
+    else:
+        warnings.warn(f"{what}: make sure that they are the same", UserWarning, stacklevel=3)
 
 
 def check_serial(controller: Controller, cells: Sequence[Cell], reason: str = "") -> None:
@@ -270,7 +278,31 @@ def _fits(controller: Controller, robot: Robot) -> bool:
 
 
 def _numbers(name: str) -> set[str]:
-    return set(re.findall(r"\d+", name.replace(".", "")))  # a reach of 1.45 m is 145 in other names
+    return set(_in_order(name))
+
+
+def _in_order(name: str) -> list[str]:
+    return re.findall(r"0*(\d+)", name.replace(".", ""))  # a reach of 1.45 m is 145 in other names
+
+
+def _is_other(named: str, own: str) -> bool:
+    """Return whether two names of one family (IRB, KR, GP) surely are of two models: by payload, type or reach.
+
+    Examples
+    --------
+    >>> _is_other("#KR125_2 ZH", "kuka-kr210-r2700-extra"), _is_other("KR 6 R700", "kuka-kr6-r900-sixx")
+    (True, True)
+    >>> _is_other("#KR16R1610 C4", "kuka-kr16-2"), _is_other("1-06VX12-A00", "yaskawa-gp12")
+    (False, False)
+    """
+    family, other = (set(re.findall(r"[a-z]{2,}", name.lower())) for name in (named, own))
+    if not family & other:
+        return False
+    numbers = _in_order(named), _in_order(own)
+    if numbers[0][:1] != numbers[1][:1]:
+        return True
+    large = [{number for number in of[1:] if len(number) > 2} for of in numbers]
+    return bool(large[0] and large[1]) and not large[0] & large[1]
 
 
 def _robot(robot: Robot | None) -> str:

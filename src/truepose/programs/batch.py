@@ -225,7 +225,7 @@ def read_for(
     cells = [one for one in (known.cell, cell) if one is not None]
 
     def choose(backup: Backup) -> list[Controller]:
-        wanted = controllers_for(backup, known.robot, controllers, other_maker=other_maker)
+        wanted = controllers_for(backup, known.robot, controllers, other_robot, other_maker=other_maker)
         for one in wanted:
             check_serial(one, cells, other_robot)
         return wanted

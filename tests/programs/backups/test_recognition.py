@@ -119,9 +119,19 @@ def test_a_map_of_the_other_robot_of_a_backup_is_refused(tmp_path: Path, robot: 
         controllers_for(backup, robot, ["R1"])
 
 
-def test_another_robot_that_no_controller_fits_is_warned_of(tmp_path: Path, robot: Robot) -> None:
-    backup, _ = backup_of(tmp_path, small.files_of("#KR210R2700"))
-    with pytest.warns(UserWarning, match="the backup names the robot #KR210R2700"):
+@pytest.mark.promise("A backup that names another model than the map's is refused, unless a reason is given.")
+@pytest.mark.parametrize("named", ["#KR210R2700", "#KR125_2 ZH", "KR 6 R700 sixx"])
+def test_a_backup_of_another_model_is_refused(tmp_path: Path, robot: Robot, named: str) -> None:
+    backup, _ = backup_of(tmp_path, small.files_of(named))
+    with pytest.raises(RefusedError, match=rf"the backup names the robot {named}, the map is of .*--other-robot REASON"):
+        controllers_for(backup, robot)
+    with pytest.warns(UserWarning, match="accepted, with the reason: the name plate is wrong"):
+        assert len(controllers_for(backup, robot, (), "the name plate is wrong")) == 1
+
+
+def test_a_name_of_another_kind_is_warned_of(tmp_path: Path, robot: Robot) -> None:
+    backup, _ = backup_of(tmp_path, small.files_of("1-06VX12-A00"))
+    with pytest.warns(UserWarning, match="the backup names the robot 1-06VX12-A00.*make sure that they are the same"):
         assert len(controllers_for(backup, robot)) == 1
 
 
