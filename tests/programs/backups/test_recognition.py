@@ -123,7 +123,8 @@ def test_a_map_of_the_other_robot_of_a_backup_is_refused(tmp_path: Path, robot: 
 @pytest.mark.parametrize("named", ["#KR210R2700", "#KR125_2 ZH", "KR 6 R700 sixx"])
 def test_a_backup_of_another_model_is_refused(tmp_path: Path, robot: Robot, named: str) -> None:
     backup, _ = backup_of(tmp_path, small.files_of(named))
-    with pytest.raises(RefusedError, match=rf"the backup names the robot {named}, the map is of .*--other-robot REASON"):
+    message = rf"the backup names the robot {named}, the map is of .*--other-robot REASON"
+    with pytest.raises(RefusedError, match=message):
         controllers_for(backup, robot)
     with pytest.warns(UserWarning, match="accepted, with the reason: the name plate is wrong"):
         assert len(controllers_for(backup, robot, (), "the name plate is wrong")) == 1
