@@ -140,9 +140,10 @@ def _study(page: Page, kinds: Sequence[str], seeds: range, *, quick: bool) -> No
         "noise, in the base frame of the map. Worse: corrected targets whose true error is larger than before, of all "
         "cells of the row, and in the worst cell with 30 corrected targets or more. Inside: components of the true "
         "errors of corrected targets inside their 95 % intervals, median over the cells with at least "
-        f"{FEWEST_COMPONENTS} components, and the lowest and highest such cell. Readings: the same share of new readings "
-        "at all targets, as `validate` states it, measured in the conditions of the samples. Maps refused: weak, or of a "
-        "campaign that was refused. `below`: targets that stay nominal since their correction is below its uncertainty."
+        f"{FEWEST_COMPONENTS} components, and the lowest and highest such cell. Readings: the same share of new "
+        "readings at all targets, as `validate` states it, measured in the conditions of the samples. Maps refused: "
+        "weak, or of a campaign that was refused. `below`: targets that stay nominal since their correction is below "
+        "its uncertainty."
     )
     names = QUICK_PREDICTORS if quick else ALL_PREDICTORS
     _rows(page, fates, kinds, {name: seeds if name in USUAL else FEW_SEEDS for name in names}, excused="other-payload")
