@@ -110,3 +110,30 @@ def test_another_payload_of_the_cell_file_is_that_at_work(tmp_path: Path) -> Non
     assert (error_map.predict(q).std < 0.1).all()
     assert (np.linalg.norm(other.predict(q).std, axis=1) > 0.5).all()
     assert [fact.size for fact in other.facts if fact.code == "work-not-measured"] == [90.0]
+
+
+def test_a_piece_that_is_gripped_adds_to_the_load_of_the_tool(tmp_path: Path) -> None:
+    form = "  PERS loaddata {}:=[{},[0,0,50],[1,0,0,0],0,0,0];\n"
+    pieces = form.format("one", 25) + form.format("two", 70)
+    text = RAPID.format(kg=30.0).replace("  PROC main()\n", pieces + "  PROC main()\n    GripLoad one;\n")
+    (tmp_path / "A.mod").write_text(text.replace("    MoveL", "    GripLoad load0;\n    ! GripLoad two;\n    MoveL"))
+    known = read_program(tmp_path / "A.mod")
+    masses = [load.mass_kg for load in stated_loads(known) if load.tool == "tgun"]
+    assert masses == [30.0, 55.0]
+    with pytest.raises(RefusedError, match=r"A\.mod, line 9: states a load of 55 kg with tool tgun"):
+        check_loads(known, cell(), (30.0, 30.0))
+    assert not check_loads(known, cell(), (30.0, 55.0))
+
+
+@pytest.mark.parametrize(("numbers", "said"), [((1, 1), False), ((1, 2), True)])
+def test_a_fanuc_program_that_changes_its_payload_is_warned_of(tmp_path: Path, numbers, said) -> None:
+    point = (
+        "P[1]{\n   GP1:\n  UF : 0, UT : 1, CONFIG : 'N U T, 0, 0, 0',\n"
+        "  X = 1700.000 mm, Y = 0.000 mm, Z = 900.000 mm,\n"
+        "  W = 180.000 deg, P = 0.000 deg, R = 0.000 deg\n};\n"
+    )
+    first, last = numbers
+    lines = f"1:  PAYLOAD[{first}] ;\n2:L P[1] 100mm/sec FINE ;\n3:  PAYLOAD[GP1:{last}] ;\n"
+    (tmp_path / "a.ls").write_text(f"/PROG A\n/MN\n{lines}/POS\n{point}/END\n")
+    warned = check_loads(read_program(tmp_path / "a.ls", FrameTable(tools={1: np.eye(4)})), cell(), (30.0, 30.0))
+    assert [one.partition("selects ")[2][:22] for one in warned] == ["PAYLOAD[1], PAYLOAD[2]"] * said

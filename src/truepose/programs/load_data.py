@@ -1,14 +1,14 @@
 """The load data of programs, compared with the payload that a map corrects for.
 
 They are what the controller reckons with: KUKA's ``LOAD_DATA[n]`` (in a module or ``$config.dat``) and ``$LOAD``, the
-load in RAPID's ``tooldata``, and ``set_payload`` of URScript. FANUC's ``PAYLOAD[n]`` names a table of the controller,
-whose masses no program states.
+load in RAPID's ``tooldata``, to which ``GripLoad`` adds a piece, and ``set_payload`` of URScript. FANUC's
+``PAYLOAD[n]`` names a table of the controller, whose masses no program states.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 from truepose.cell import Cell
@@ -40,6 +40,9 @@ _FORMS: Final = {
     "urscript": (rb"^[^#\r\n]*?\bset_(?:target_)?payload(?:_mass)?\s*\(\s*" + _MASS,),
 }
 _PATTERNS: Final = {language: [re.compile(form, re.I | re.M) for form in forms] for language, forms in _FORMS.items()}
+_GRIPPED: Final = re.compile(rb"^[^!\r\n]*?\bGripLoad\s+" + _NAME, re.I | re.M)
+_PIECE: Final = re.compile(rb"^[^!\r\n]*?\bloaddata\s+" + _NAME + rb"\s*:=\s*\[\s*" + _MASS, re.I | re.M)
+_TABLE: Final = re.compile(rb"^[ \t]*\d*:[ \t]*PAYLOAD[ \t]*\[[ \t]*(?:GP\d+[ \t]*:[ \t]*)?(\d+)", re.I | re.M)
 _WORDS: Final = {"krl": (b"LOAD",), "rapid": (b"TOOLDATA",), "urscript": (b"PAYLOAD",)}
 
 
@@ -66,7 +69,22 @@ def stated_loads(program: Program, cell: Cell | None = None) -> list[StatedLoad]
     sources = list(program.sources)
     if cell is not None and cell.config_dat is not None and language_of(sources[0].path) == "krl":
         sources.append(Source.read(cell.config_dat))
-    return [load for source in sources for load in _of(source) if load.mass_kg > _UNSET_KG]
+    loads = [load for source in sources for load in _of(source) if load.mass_kg > _UNSET_KG]
+    pieces = _pieces(program.sources)
+    return loads + [one._replace(mass_kg=one.mass_kg + kg, where=where) for one in loads for kg, where in pieces]
+
+
+def _pieces(sources: Sequence[Source]) -> list[tuple[float, str]]:
+    """Return the masses that ``GripLoad`` adds to those of the tools, and where."""
+    masses = {
+        found["name"].lower(): float(found["mass"]) for source in sources for found in _PIECE.finditer(source.data)
+    }
+    return [
+        (masses[name], f"{source.path}, line {source.line(found.start('name'))}")
+        for source in sources
+        for found in _GRIPPED.finditer(source.data)
+        if masses.get(name := found["name"].lower(), 0.0) > _UNSET_KG
+    ]
 
 
 def _of(source: Source) -> Iterator[StatedLoad]:
@@ -101,11 +119,9 @@ def check_loads(program: Program, cell: Cell, payload: tuple[float, float] | Non
         If a load differs from it.
     """
     loads = stated_loads(program, cell)
-    if not loads:
-        return []
+    warnings = _tables(program)
     known = {frame_key(key): (one.mass_kg, one.mass_kg) for key, one in cell.conditions.payloads.items()}
-    used = _used(program)
-    warnings = []
+    used = _used(program) if loads else set()
     for load in loads:
         expected = payload if load.tool is None else known.get(load.tool, payload)
         if expected is None or (load.tool is not None and load.tool not in used) or _alike(load.mass_kg, expected):
@@ -123,6 +139,16 @@ def check_loads(program: Program, cell: Cell, payload: tuple[float, float] | Non
             "[conditions] payload_kg"
         )
     return warnings
+
+
+def _tables(program: Program) -> list[str]:
+    """Return the warning of a FANUC program that changes the payload: no program states the masses."""
+    numbers = sorted({int(found[1]) for source in program.sources for found in _TABLE.finditer(source.data)})
+    if len(numbers) < 2 or language_of(program.sources[0].path) != "tp":
+        return []
+    named = ", ".join(f"PAYLOAD[{number}]" for number in numbers)
+    remedy = "state what is on the flange with each tool: [conditions.payloads] in the cell file"
+    return [f"{program.path}: selects {named}, whose masses no program states; {remedy}"]
 
 
 def _alike(mass: float, expected: tuple[float, float]) -> bool:
