@@ -42,8 +42,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """Return how many test workers ``-n auto`` starts: as the variable of xdist says, or one for each processor."""
-    return int(os.environ.get("PYTEST_XDIST_AUTO_NUM_WORKERS") or cores())
+    """Return how many test workers ``-n auto`` starts: as the variable of xdist says, or as there are processors and one.
+
+    Tests wait for processes and pages for a part of the time.
+    """
+    return int(os.environ.get("PYTEST_XDIST_AUTO_NUM_WORKERS") or cores() + 1)
 
 
 @pytest.fixture(autouse=True, scope="session")

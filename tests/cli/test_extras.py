@@ -150,6 +150,7 @@ def test_a_call_works_or_names_the_extra(base: dict[str, Any], name: str) -> Non
     assert extra is None or f"install it with: pip install 'truepose[{extra}]'" in message
 
 
+@pytest.mark.exhaustive
 def test_the_demonstration_leaves_out_its_report_only(base: dict[str, Any]) -> None:
     folder = base["out"] / "demo"
     assert (folder / "corrected" / "panel.src").is_file()

@@ -78,6 +78,7 @@ def test_every_section_is_told(evidence, documents, locale):
         assert word in text
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("locale", LOCALES)
 def test_the_report_names_the_software_that_wrote_it(documents, locale):
     shown = f"truepose {truepose.__version__}"

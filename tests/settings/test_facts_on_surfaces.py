@@ -126,6 +126,7 @@ def test_the_record_of_a_correction_holds_the_facts_and_those_accepted(map_path:
         assert len(told) == (0 if fact.effect == "told" else 1), fact
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("locale", ["en", "de", "zh"])
 def test_a_report_lists_all_facts(map_path: Path, tmp_path: Path, locale: str) -> None:
     from truepose.report.evidence import gather
