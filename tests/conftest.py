@@ -42,7 +42,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """Return how many test workers ``-n auto`` starts: as the variable of xdist says, or as there are processors and one.
+    """Return how many test workers ``-n auto`` starts: as the variable of xdist says, or one more than processors.
 
     Tests wait for processes and pages for a part of the time.
     """
