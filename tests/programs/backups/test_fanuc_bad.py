@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -109,12 +110,15 @@ def test_a_program_in_german_alone_is_refused_by_name(tmp_path: Path) -> None:
         ("    [1,2] = ", "    [2] = ", r"SYSFRAME\.VA:10: \$MNUFRAME: expected \[group,number\]"),
     ],
 )
-def test_broken_variables(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_broken_variables_are_named_and_not_known(tmp_path: Path, old: str, new: str, message: str) -> None:
     text = corpus.variables()["SYSFRAME.VA"]
     assert old in text
     root = lay(tmp_path, {"SMALL.LS": SMALL, "SYSFRAME.VA": text.replace(old, new, 1)})
-    with pytest.raises(FileError, match=message):
-        fanuc.stored_frames(root, files(root))
+    (warning,) = fanuc.contents(root, files(root)).warnings
+    assert re.search(message, warning)
+    assert "so its tools and user frames are not known" in warning
+    assert not fanuc.stored_frames(root, files(root)).bases
+    assert "UTOOL[1] is not known; give it in [frames.tools.1]" in only(judged(root), "P[1]").reason
 
 
 def test_frames_that_contradict_each_other(tmp_path: Path) -> None:
@@ -123,8 +127,9 @@ def test_frames_that_contradict_each_other(tmp_path: Path) -> None:
     lay(root, {"ENGLISH/SMALL.LS": SMALL})
     assert only(judged(root), "P[1]").verdict == "correct"
     (root / "GERMAN/SYSFRAME.VA").write_text(text.replace("900.000", "901.000"))
-    with pytest.raises(FileError, match=r"GERMAN/SYSFRAME\.VA: contradicts .*ENGLISH/SYSFRAME\.VA"):
-        fanuc.stored_frames(root, files(root))
+    (warning,) = fanuc.contents(root, files(root)).warnings
+    assert re.search(r"GERMAN/SYSFRAME\.VA: contradicts .*ENGLISH/SYSFRAME\.VA", warning)
+    assert "UTOOL[1] is not known" in only(judged(root), "P[1]").reason
     lay(root, {"SYSFRAME.VA": text})  # of the controller itself
     np.testing.assert_allclose(fanuc.stored_frames(root, files(root)).bases[1].tf[0, 3], 900.0)
 

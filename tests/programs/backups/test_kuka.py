@@ -343,13 +343,11 @@ def test_modules_that_contradict_each_other_are_refused(tmp_path: Path, more: di
 @pytest.mark.parametrize(
     ("name", "old", "new", "message"),
     [
-        ("System/$config.dat", b"BASE_DATA[2]={", b"BASE_DATA[1]={", r"dat:\d+: BASE_DATA\[1\] was given in line \d+"),
-        ("System/$config.dat", b"BASE_DATA[2]={X ", b"BASE_DATA[2]={X 1.2.", r"dat:\d+: X 1\.2\.\S+ is not a number"),
         ("Mada/$machine.dat", b"$ROBROOT={X 250", b"$ROBROOT={X 251", r"MACHINE_DEF\[1\] has another place .* make"),
         ("Mada/$machine.dat", b"FRAME $ROBROOT={X", b"FRAME $ROBROOT={N 1,X", r"ROBROOT is not the null frame, nor"),
     ],
 )
-def test_frames_that_are_broken_or_contradict_each_other(
+def test_places_of_the_robot_that_are_broken_or_contradict_each_other(
     tmp_path: Path, name: str, old: bytes, new: bytes, message: str
 ) -> None:
     path = f"KRC/R1/{name}"
@@ -357,6 +355,29 @@ def test_frames_that_are_broken_or_contradict_each_other(
     folder = changed(tmp_path, **{path: corpus.backup()[path].replace(old, new)})
     with pytest.raises(FileError, match=message):
         kuka.stored_frames(folder / "KRC/R1", listing(folder))
+
+
+@pytest.mark.parametrize(
+    ("new", "unknown", "message"),
+    [
+        (b"BASE_DATA[1]={X ", {1, 2}, r"dat:\d+: BASE_DATA\[1\] was given in line \d+"),
+        (b"BASE_DATA[2]={X 1.2.", {2}, r"dat:\d+: X 1\.2\.\S+ is not a number"),
+    ],
+)
+def test_a_broken_frame_of_config_dat_is_named_and_blocks_no_other(
+    tmp_path: Path, new: bytes, unknown: set[int], message: str
+) -> None:
+    path = "KRC/R1/System/$config.dat"
+    folder = changed(tmp_path, **{path: corpus.backup()[path].replace(b"BASE_DATA[2]={X ", new)})
+    (controller,) = read_programs([folder]).backups[0].controllers
+    (warning,) = [one for one in controller.contents.warnings if re.search(message, one)]
+    assert warning.endswith(": the frame is not known")
+    program, sound = read(folder), read(changed(tmp_path / "sound"))
+    states = {of: Counter((one.frame_number in unknown, one.verdict) for one in of.targets) for of in (program, sound)}
+    assert states[sound][True, "correct"] > 0
+    assert states[program][True, "correct"] == 0
+    assert states[program][False, "correct"] == states[sound][False, "correct"] > 0
+    assert any(re.search(message, target.reason) for target in program.targets)
 
 
 def test_a_robot_on_a_track_has_no_base_that_can_be_used(tmp_path: Path) -> None:

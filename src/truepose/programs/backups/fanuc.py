@@ -93,8 +93,16 @@ def contents(root: Path, files: Sequence[Path]) -> Contents:
 def stored_frames(root: Path, files: Sequence[Path]) -> StoredFrames:
     """Return the tools and bases of one controller.
 
-    The key of a frame is its number for motion group 1, and such as ``gp2-3`` for number 3 of group 2.
+    The key of a frame is its number for motion group 1, and such as ``gp2-3`` for number 3 of group 2. None are known
+    where SYSFRAME.VA is missing or broken; then `contents` has a warning.
     """
+    try:
+        return _frames(root, files)
+    except FileError:
+        return StoredFrames()
+
+
+def _frames(root: Path, files: Sequence[Path]) -> StoredFrames:
     tables: dict[str, dict[Key, StoredFrame]] = {"tools": {}, "bases": {}}
     file = _named(root, files, "sysframe.va")
     if file is None:
@@ -163,12 +171,16 @@ def _warnings(root: Path, own: Sequence[Path], copies: Mapping[str, Sequence[Pat
             f"{root}: {len(names)} programs are there in compiled form alone (.TP), which cannot be read: {shown}; "
             "save them in text form (.LS), which the controller does with the option ASCII upload"
         )
-    if copies and _named(root, own, "sysframe.va") is None:
+    try:
+        missing = "" if _named(root, own, "sysframe.va") else f"{root}: has no SYSFRAME.VA"
+        _frames(root, own)
+    except FileError as error:
+        missing = str(error)
+    if copies and missing:
         yield (
-            f"{root}: has no SYSFRAME.VA, so its tools and user frames are not known; give that file, or state them in "
+            f"{missing}, so its tools and user frames are not known; give that file, or state them in "
             "[frames.tools.1], [frames.bases.1] … of the cell file"
         )
-
     try:
         _position_registers(root, own), _numeric_registers(root, own)
     except FileError as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -74,10 +75,20 @@ def contents(root: Path, files: Sequence[Path]) -> Contents:
         for file, word in others.items()
         if word == _ENCODED
     ]
-    if _config(root, files) is None:
+    missing = ""
+    if (path := _config(root, files)) is None:
+        missing = f"{root.name} has no System/$config.dat"
+    else:
+        try:
+            broken = ConfigDat.read(path).broken
+        except FileError as error:
+            missing = str(error)
+        else:
+            warnings += [f"{error}: the frame is not known" for error in broken.values()]
+    if missing:
         warnings.append(
-            f"{root.name} has no System/$config.dat: its tools and bases are not known; copy it from the controller, "
-            "or give them in [frames] of the cell file"
+            f"{missing}: its tools and bases are not known; copy it from the controller, or give them in [frames] of "
+            "the cell file"
         )
     warnings += _accuracy(root, files)
     texts = machine.texts if machine else {}
@@ -128,17 +139,20 @@ def _sorted(root: Path, files: Sequence[Path]) -> tuple[list[Path], list[Path], 
 def stored_frames(root: Path, files: Sequence[Path]) -> StoredFrames:
     """Return the tools and bases of one robot, and its place in the world.
 
-    Those of zeros without a name are among them, although they are probably not set.
+    Those of zeros without a name are among them, although they are probably not set. None are known where
+    ``$config.dat`` is missing or cannot be read; then `contents` has a warning.
 
     Raises
     ------
     FileError
-        If ``$config.dat`` or ``$machine.dat`` is broken, or if they contradict each other.
+        If ``$machine.dat`` is broken, or contradicts ``$config.dat``.
     """
-    path, machine = _config(root, files), _machine(root, files)
+    path, machine, config = _config(root, files), _machine(root, files), ConfigDat()
+    if path is not None:
+        with suppress(FileError):
+            config = ConfigDat.read(path)
     if path is None:
-        return StoredFrames(in_world=True, tf_world_base=_world(root, files, ConfigDat()))
-    config = ConfigDat.read(path)
+        return StoredFrames(in_world=True, tf_world_base=_world(root, files, config))
     frames: dict[str, dict[int | str, StoredFrame]] = {"tool": {}, "base": {}}
     for (which, number), entry in config.entries.items():
         name = config.names.get((which, number), "")
@@ -147,6 +161,9 @@ def stored_frames(root: Path, files: Sequence[Path]) -> StoredFrames:
         place = f"{path.relative_to(root.parent)}, line {entry.line}"
         problem = _problem(which, number, entry, config, machine)
         frames[which][number] = StoredFrame(entry.tf, name, place, problem)
+    for (which, number), error in config.broken.items():
+        place = f"{path.relative_to(root.parent)}, line {error.line}"
+        frames[which][number] = StoredFrame(np.eye(4), "", place, str(error))
     if machine and machine.carriers:
         frames["base"].setdefault(0, StoredFrame(np.eye(4), "$WORLD", "", _carried(machine)))
     return StoredFrames(frames["tool"], frames["base"], in_world=True, tf_world_base=_world(root, files, config))

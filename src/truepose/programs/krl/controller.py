@@ -74,6 +74,8 @@ class ConfigDat:
         The number of the kinematic system that carries a frame; 0 for the world.
     machines : dict of ("MACHINE_DEF" or "EX_AX_DATA", number) to Machine
         The kinematic systems.
+    broken : dict of ("tool" or "base", number) to FileError
+        Why frames are not known that the file states: they are broken, or given twice.
     """
 
     entries: dict[tuple[str, int], Entry] = field(default_factory=dict)
@@ -81,10 +83,11 @@ class ConfigDat:
     types: dict[tuple[str, int], str] = field(default_factory=dict)
     carriers: dict[tuple[str, int], int] = field(default_factory=dict)
     machines: dict[tuple[str, int], Machine] = field(default_factory=dict)
+    broken: dict[tuple[str, int], FileError] = field(default_factory=dict)
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """Read a file; a FileError names the line of a broken entry, and of one that is given twice."""
+        """Read a file; a FileError names the line of what is broken, but for frames (see `broken`)."""
         source, found = Source.read(path), cls()
         for word, line, _, rest, end in statements(source):
             if word in _TABLES:
@@ -103,16 +106,23 @@ class ConfigDat:
     def _take_frame(self, source: Source, word: str, line: int, rest: int, end: int) -> None:
         if (entry := _ENTRY.match(source.data, rest, end)) is None:
             return
-        close = closing_brace(source, entry.end(), end, line)
         number = int(entry[1])
-        if close != strip(source.data, entry.end(), end, BLANK)[1]:
-            raise source.error(line, f"{word}[{number}] is followed by more than its value; correct the file")
         key = _TABLES[word], number
-        if key in self.entries:
-            raise source.error(line, f"{word}[{number}] was given in line {self.entries[key].line} already; keep one")
-        values = parse_aggregate(source, entry.end(), close, line).values
-        tf = _transform(values) if all(k in values for k in CARTESIAN) else None
-        self.entries[key] = Entry(tf, line)
+        if key in self.broken:  # whatever is given once more
+            return
+        try:
+            close = closing_brace(source, entry.end(), end, line)
+            if close != strip(source.data, entry.end(), end, BLANK)[1]:
+                raise source.error(line, f"{word}[{number}] is followed by more than its value; correct the file")
+            if key in self.entries:
+                first = self.entries.pop(key).line
+                raise source.error(line, f"{word}[{number}] was given in line {first} already; keep one")
+            values = parse_aggregate(source, entry.end(), close, line).values
+        except FileError as error:
+            self.broken[key] = error
+        else:
+            tf = _transform(values) if all(k in values for k in CARTESIAN) else None
+            self.entries[key] = Entry(tf, line)
 
 
 def read_config_dat(path: str | Path) -> tuple[dict[Key, FloatArray], dict[Key, FloatArray]]:
@@ -133,7 +143,10 @@ def read_config_dat(path: str | Path) -> tuple[dict[Key, FloatArray], dict[Key, 
     FileError
         If the file cannot be read, has no such entry, gives one twice, or has a broken one; with its line.
     """
-    entries = ConfigDat.read(path).entries
+    config = ConfigDat.read(path)
+    entries = config.entries
+    for error in config.broken.values():
+        raise error
     if not entries:
         raise FileError(path, "has no TOOL_DATA[n]={…} or BASE_DATA[n]={…}; name the controller's $config.dat")
     tables: dict[str, dict[Key, FloatArray]] = {"tool": {}, "base": {}}

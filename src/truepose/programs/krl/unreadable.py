@@ -50,7 +50,7 @@ def assume_all_of(
             for variable in module.names.module.values() if module.name in words else ():
                 variable.reads[None].append((place, f"perhaps imported by {name}, which cannot be read"))
         for m in _FRAME_USED.finditer(text):
-            if m[1]:
+            if m[1] and path.name.lower() != "$config.dat":  # which states them, and is read for that
                 shared.changed.setdefault((FRAME_TABLES[f"{m[1].decode().upper()}_DATA"], None), place)
         if world := _WORLD_SET.search(text):
             shared.moved.append(f"{world[0].decode('latin-1')} of {name}, which cannot be read")
