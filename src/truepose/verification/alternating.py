@@ -10,7 +10,8 @@ Which readings these are is not known: their probabilities and θ are estimated 
 reading is judged by its residual from all others, with Student's t, so that heavy tails make no population. Twice the
 gain of the log density by a second population, for as many readings as there are degrees of freedom, is compared with
 χ² of twice the number of unknowns (θ and the share). Errors of the arm that the model lacks divide readings as well,
-but not far apart (two populations hardly overlap), or as a step in one parameter of the arm.
+but not far apart (two populations hardly overlap), or as a step in one parameter of the arm. The
+arm does not change in turn, from one reading to the next.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import chdtrc
 
-from truepose._typing import FloatArray
+from truepose._typing import BoolArray, FloatArray
 from truepose.verification import campaign as testing
 from truepose.verification.faults import Change, fault
 
@@ -33,6 +34,7 @@ _ROUNDS: Final = 12
 _TAIL: Final = 5.0  # degrees of freedom of Student's t
 _SCALES: Final = np.geomspace(0.01, 2.0, 24)  # of the variances of a model without a second population
 _MEDIAN: Final = 2.366  # χ² with three degrees of freedom
+_MIXED: Final = 0.05  # of readings that change in turn but for these
 _ALIKE: Final = 1.1  # ratio of gains, of populations and of a step in the arm
 _CONSTANT: Final = 0.012  # of the squared length of vectors
 _FARTHEST: Final = 6  # readings
@@ -118,7 +120,8 @@ def alternating(campaign: testing.Campaign) -> Change | None:
     member, k = (second.member > 0.5).astype(float), second.columns.shape[2]
     model = testing.fit(part, [second.columns * member[:, None, None]])
     share, smaller = member.mean(), 1.0 if member.mean() <= 0.5 else 0.0
-    if _of_the_arm(left, part, second, alone):
+    in_turn = abs(np.mean(member == _by_turns(len(member))) - 0.5) > 0.5 - _MIXED
+    if not in_turn and _of_the_arm(left, part, second, alone):
         return None
     members = rows[member == smaller]
     between = fault(
@@ -175,7 +178,11 @@ def _starts(seen: FloatArray) -> list[FloatArray]:
     beside = [np.linalg.norm(centred - centred[i], axis=1) < size for i in np.argsort(-size)[:_FARTHEST]]
     limited = centred * np.minimum(1.0, 3.0 * np.median(np.abs(centred)) / np.maximum(np.abs(centred), 1e-12))
     axes = np.linalg.svd(limited, full_matrices=False)[2][:2]
-    return [*(limited @ axis > 0.0 for axis in axes), np.arange(len(seen)) % 2 > 0, *beside]
+    return [*(limited @ axis > 0.0 for axis in axes), _by_turns(len(seen)), *beside]
+
+
+def _by_turns(n: int) -> BoolArray:
+    return np.arange(n) % 2 > 0
 
 
 def _searched(left: _LeftOut, columns: FloatArray, start: FloatArray, alone: float) -> _Second | None:
