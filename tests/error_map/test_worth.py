@@ -16,6 +16,7 @@ from truepose.compensation import BELOW
 from truepose.error_map.worth import FEW, LeftOut, Worth, worth
 from truepose.errors import RefusedError
 from truepose.geometry import make_transform
+from truepose.predictors.folds import split_samples
 from truepose.samples import write_samples
 
 
@@ -74,6 +75,15 @@ def test_good_maps_are_not_weak(good):
 
 def along_x(lengths):
     return np.outer(lengths, [1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(("n", "again"), [(40, True), (41, False)])
+def test_a_map_of_40_samples_is_fitted_again_without_each_block(virtual, n, again):
+    """With its own hyperparameters, which the block took part in, few samples look better than they are."""
+    found = fitted(virtual, n)
+    blocks = split_samples(["blocks"], {"cartesian": found.p_cmd}, folds=5)["blocks"]
+    kept = np.linalg.norm(found.predictor.leave_blocks_out(blocks).residual, axis=1).mean()
+    assert (found.worth.left_mm == pytest.approx(kept, rel=1e-9)) == (not again)
 
 
 def test_the_intervals_are_those_of_student():
