@@ -26,7 +26,7 @@ from truepose.predictors import FORMER_NAMES, PREDICTORS
 
 PAGE = "trust"
 ROOT = Path(__file__).parent.parent
-SEEDS, FEW_SEEDS = range(20), range(3)
+SEEDS, FEW_SEEDS = range(20), range(2)
 QUICK_PREDICTORS = ("ordinary-kriging", "kinematic-kriging")
 ALL_PREDICTORS = tuple(
     sorted([*PREDICTORS, *FORMER_NAMES.values()], key=lambda name: [*PREDICTORS].index(name.split(":")[0]))

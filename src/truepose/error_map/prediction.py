@@ -106,8 +106,7 @@ class PredictingMap(MapData):
         """Variance of the arm's errors beyond the predictor's field, in each direction, (3,) [mm²], base frame.
 
         The predictor's nugget less the known part of the repeatability; the noise of readings is not in the nugget
-        where it is known. What is not known is not subtracted, and counts as error of the arm. The nugget is increased
-        by its standard error: near the repeatability, the difference is mostly that error. A fault that the tests of
+        where it is known. What is not known is not subtracted, and counts as error of the arm. A fault that the tests of
         the campaign found or suspect is added, also below their limit, and twice: a drift goes on after the campaign,
         as it does for an arm that warmed up during the measurement. A drift is not added where the effect of time is
         in the model. The effect of conditions at work that the predictor does not know is added, too.
@@ -118,17 +117,19 @@ class PredictingMap(MapData):
         if not timed:
             sizes.append(self.campaign.get("suspected_drift_mm", 0.0))
         drift = sum((2.0 * size) ** 2 for size in sizes) / 3.0
-        nugget, known = self._nugget_and_known
-        return np.asarray(nugget - known + drift + not_modelled(self.predictor, self.samples, self.cell, self.p_cmd))
+        arm = self._nugget - self._known
+        return np.asarray(arm + drift + not_modelled(self.predictor, self.samples, self.cell, self.p_cmd))
 
     @cached_property
-    def _nugget_and_known(self) -> tuple[FloatArray, FloatArray]:
-        """The nugget with one standard error, that of a variance of 3n readings; the known part of it, (3,) [mm²]."""
-        nugget, reading = self.predictor.nugget_ * self._tails.share, self.predictor.noise_std_
-        noise = 0.0 if reading is None else np.mean(reading**2, axis=0) * self._tails.factor
-        nugget = np.where(nugget > 0.0, nugget + np.sqrt(2.0 / (3 * len(self.samples))) * (nugget + noise), 0.0)
+    def _nugget(self) -> FloatArray:
+        """The variance of the errors beyond the predictor's field and the noise of readings, (3,) [mm²]."""
+        return np.asarray(self.predictor.nugget_ * self._tails.share)
+
+    @cached_property
+    def _known(self) -> FloatArray:
+        """The known part of the nugget, by repeatability and rounding, (3,) [mm²]."""
         rounding = np.mean(self.rounding(self.samples, self.arm_check), axis=0)
-        return nugget, np.minimum(nugget, self._repeatability + rounding)
+        return np.asarray(np.minimum(self._nugget, self._repeatability + rounding))
 
     @cached_property
     def _tails(self) -> Tails:
@@ -214,7 +215,7 @@ class PredictingMap(MapData):
 
     def reading_std(self, samples: Samples, std: FloatArray) -> FloatArray:
         """Return the standard deviations of predictions (n, 3) [mm] with the noise of a motion and of a reading."""
-        known, nugget = self.reading_noise(samples), self._nugget_and_known[0]
+        known, nugget = self.reading_noise(samples), self._nugget
         own = np.minimum(nugget, self._repeatability) + self.rounding(samples, self.compared(samples))
         return np.sqrt(std**2 + own + (0.0 if known is None else known**2 * self._tails.factor))
 
