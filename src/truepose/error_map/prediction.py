@@ -106,10 +106,10 @@ class PredictingMap(MapData):
         """Variance of the arm's errors beyond the predictor's field, in each direction, (3,) [mm²], base frame.
 
         The predictor's nugget less the known part of the repeatability; the noise of readings is not in the nugget
-        where it is known. What is not known is not subtracted, and counts as error of the arm. A fault that the tests of
-        the campaign found or suspect is added, also below their limit, and twice: a drift goes on after the campaign,
-        as it does for an arm that warmed up during the measurement. A drift is not added where the effect of time is
-        in the model. The effect of conditions at work that the predictor does not know is added, too.
+        where it is known. What is not known is not subtracted, and counts as error of the arm. A fault that the tests
+        of the campaign found or suspect is added, also below their limit, and twice: a drift goes on after the
+        campaign, as it does for an arm that warmed up during the measurement. A drift is not added where the effect of
+        time is in the model. The effect of conditions at work that the predictor does not know is added, too.
         """
         faults = self.campaign.get("faults", [])
         timed = models(self.predictor, "time")
