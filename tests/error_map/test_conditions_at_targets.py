@@ -33,8 +33,11 @@ def targets(virtual):
 
 @pytest.fixture(scope="module")
 def loaded():
-    """A cell whose samples have two payloads."""
-    return fitted("hard", payload_kg=np.where(np.arange(60) % 2, LIGHT, HEAVY))
+    """A cell whose samples have two payloads; from which side the joints came is not stated."""
+    virtual = VirtualCell("hard", seed=0)
+    payload = np.where(np.arange(60) % 2, LIGHT, HEAVY)
+    samples = virtual.measure(virtual.design(60, seed=0), seed=0, payload_kg=payload)
+    return virtual, fit_cell(virtual.cell, replace(samples, approach=None), KRIGING)
 
 
 @pytest.fixture(scope="module")
@@ -48,9 +51,9 @@ def centred(loaded):
 
 @pytest.fixture(scope="module")
 def single():
-    """A cell whose samples have one payload."""
+    """A cell whose samples have one payload; from which side the joints came is not stated."""
     virtual = VirtualCell("hard", seed=0)
-    return virtual, virtual.measure(virtual.design(60, seed=0), seed=0)
+    return virtual, replace(virtual.measure(virtual.design(60, seed=0), seed=0), approach=None)
 
 
 STATED = {
