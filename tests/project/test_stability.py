@@ -85,7 +85,9 @@ def test_maps_of_earlier_versions_predict_the_same(kept: Path) -> None:
         assert error_map.hash == expected["sha256"], name
         p, std = error_map.predict_measured(np.array(stated["q_rad"]))
         np.testing.assert_allclose(p, expected["p_mm"], rtol=0, atol=1e-6, err_msg=name)
-        np.testing.assert_allclose(std, expected["std_mm"], rtol=0, atol=1e-6, err_msg=name)
+        # 0.2.0 added a standard error of the nugget, which made deviations too large
+        share = std / np.array(expected["std_mm"])
+        assert 0.75 < share.min() <= share.max() <= 1.0 + 1e-6, name
 
 
 def test_maps_of_earlier_versions_can_be_written_again(kept: Path, tmp_path: Path) -> None:

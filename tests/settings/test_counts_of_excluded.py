@@ -57,13 +57,3 @@ def test_in_the_report(made, locale: str, own: str, both: str, tmp_path: Path) -
     assert own in (tmp_path / "own.html").read_text()
     write_report(error_map, tmp_path / "both.html", tp.read_samples(folder / "held_out.csv"), locale=locale)
     assert both in (tmp_path / "both.html").read_text()
-
-
-def test_in_the_store(made, run, tmp_path: Path) -> None:
-    pytest.importorskip("alembic")
-    folder, _ = made
-    for command in (["init"], ["import", folder]):
-        done = run("store", *command, "--store", tmp_path / "store")
-        assert done.code == 0, done
-    (kept,) = run("store", "list", "maps", "--store", tmp_path / "store", "--json").json["maps"]
-    assert (kept["figures"]["n"], kept["figures"]["left_out"]) == (29, 1)

@@ -235,3 +235,16 @@ def test_a_user_removed_during_an_import_stops_it(store, team, folder):
     assert counted
     assert rows(store, schema.cell) == []
     assert PASSWORD
+
+
+def test_a_map_is_kept_with_the_number_of_readings_left_out(store, team, tmp_path):
+    virtual = tp.VirtualCell("paper", seed=5)
+    samples = virtual.measure(virtual.design(30, seed=1), seed=1)
+    samples.p_meas[7, 0] += 590.0
+    folder = tmp_path / "gross"
+    folder.mkdir()
+    (folder / "cell.toml").write_text(virtual.cell.to_toml())
+    tp.fit_cell(tp.load_cell(folder / "cell.toml"), samples, "calibration").save(folder / "map.truepose")
+    import_folder(store, team["anna"], folder)
+    (kept,) = rows(store, schema.map)
+    assert (kept["figures"]["n"], kept["figures"]["left_out"]) == (29, 1)
