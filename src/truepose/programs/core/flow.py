@@ -108,10 +108,14 @@ class Piece:
     @cached_property
     def start(self) -> Piece:
         """The first of the pieces before this one that it goes on from without a motion in between."""
-        chain: list[Piece] = [self]
-        while (last := chain[-1])._before is not None and not any(map(last._moves, last._calls)):
-            chain.append(last._before)
-        return chain[-1]
+        piece, between = self, list[Piece]()
+        while "start" not in vars(piece) and piece._before is not None and not any(map(piece._moves, piece._calls)):
+            between.append(piece)
+            piece = piece._before
+        found: Piece = vars(piece).get("start", piece)
+        for one in between:  # a long program has many, one behind the other
+            vars(one)["start"] = found
+        return found
 
 
 class Section(NamedTuple):
