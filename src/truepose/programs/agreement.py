@@ -282,7 +282,8 @@ def _numbers(name: str) -> set[str]:
 
 
 def _in_order(name: str) -> list[str]:
-    return re.findall(r"0*(\d+)", name.replace(".", ""))  # a reach of 1.45 m is 145 in other names
+    """Return the numbers of a name; a reach of 1.45 m is 145 in other names, and a UR10e is no UR10."""
+    return re.findall(r"0*(\d+(?:e(?![a-z]))?)", name.replace(".", "").lower())
 
 
 def _is_other(named: str, own: str) -> bool:
@@ -294,6 +295,8 @@ def _is_other(named: str, own: str) -> bool:
     (True, True)
     >>> _is_other("#KR16R1610 C4", "kuka-kr16-2"), _is_other("1-06VX12-A00", "yaskawa-gp12")
     (False, False)
+    >>> _is_other("UR10", "universal-robots-ur10e"), _is_other("UR10e", "universal-robots-ur10e")
+    (True, False)
     """
     family, other = (set(re.findall(r"[a-z]{2,}", name.lower())) for name in (named, own))
     if not family & other:
