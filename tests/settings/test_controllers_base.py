@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import truepose as tp
+from truepose.error_map.arm_check import in_controllers_base
 from truepose.errors import DataError, RefusedError
 from truepose.geometry import apply_transform, make_transform
 from truepose.samples import Samples, write_samples
@@ -36,6 +37,18 @@ def seen_in(samples: Samples, tf: np.ndarray, digits: int = 3) -> Samples:
 @pytest.fixture(scope="module")
 def samples(virtual) -> Samples:
     return virtual.measure(virtual.design(60, seed=1))
+
+
+@pytest.mark.parametrize(("away", "code"), [(49.0, "base-turned"), (51.0, "base-elsewhere")])
+def test_a_tool_that_starts_a_fit_must_be_near_that_of_the_positions(virtual, samples, away, code):
+    """Within 50 mm; farther, another arm may explain them. No tool at all starts from anywhere."""
+    shown = seen_in(samples, PLACES["half a turn, as in ROS"])
+    start = virtual.tf_flange_tool.copy()
+    start[0, 3] += away
+    _, (fact,) = in_controllers_base(virtual.robot, shown, start, fit="position")
+    assert fact.code == code
+    _, (fact,) = in_controllers_base(virtual.robot, shown, np.eye(4), fit="position")
+    assert fact.code == "base-turned"
 
 
 @pytest.mark.sampled(2)
