@@ -7,7 +7,14 @@ from sklearn.exceptions import NotFittedError
 from sklearn.metrics import r2_score
 
 from truepose.errors import DataError, TrueposeError
-from truepose.predictors import InverseDistance, KinematicCalibration, LocalKriging, RegistrationOnly, ResidualNetwork
+from truepose.predictors import (
+    InverseDistance,
+    KinematicCalibration,
+    KinematicKriging,
+    LocalKriging,
+    RegistrationOnly,
+    ResidualNetwork,
+)
 from truepose.robots import load_robot
 from truepose.similarity import VariogramModel
 
@@ -132,3 +139,20 @@ def test_a_model_that_is_not_fitted_says_so(request):
         with pytest.raises(error, match="this InverseDistance is not fitted; call fit first"):
             InverseDistance().predict(np.eye(3))
         request.getfixturevalue("alone")
+
+
+ROW, ERROR = np.zeros((1, 6)), np.zeros((1, 3))
+
+
+@pytest.mark.parametrize(
+    ("method", "arguments"),
+    [
+        *(("predict", (ROW,)), ("predict_together", (ROW,)), ("predict_covariance", (ROW,)), ("explain", (ROW,))),
+        *(("joint_curves", ()), ("parameter_estimates", ()), ("optimum", ()), ("with_turns", (ROW, ["approach"]))),
+        *(("update", (ROW, ERROR)), ("member", ("name",)), ("at_work", ({},))),
+    ],
+)
+def test_every_method_of_kinematic_kriging_needs_a_fit(method, arguments):
+    model = KinematicKriging(ROBOT)
+    with pytest.raises(NotFittedError, match="not fitted; call fit first"):
+        getattr(model, method)(*arguments)
