@@ -317,7 +317,10 @@ def test_centres_of_mass_are_used(loads, tmp_path):
     """Of payloads on either side of the flange; in files and maps, at poses, and in the cell for poses without."""
     virtual, samples = loads
     known = fit_cell(virtual.cell, samples, "kinematic-kriging")
-    unknown = fit_cell(virtual.cell, replace(samples, p_load=None), "kinematic-kriging")
+    unstated = replace(samples, p_load=None)
+    with pytest.raises(DataError, match="or the centres of mass of the payloads differ, which no column states"):
+        fit_cell(virtual.cell, unstated, "kinematic-kriging")
+    unknown = fit_cell(virtual.cell, unstated, "kinematic-kriging", accept_campaign=True)
     assert "centre" in known.predictor.conditions
     assert "centre" not in unknown.predictor.conditions
     kg, centre = np.full(60, 80.0), np.tile([300.0, 0.0, 250.0], (60, 1))
@@ -361,7 +364,8 @@ def test_payloads_without_a_centre_are_told(run, loads, tmp_path):
     cell.write_text(virtual.cell.to_toml())
     for one, told in ((samples, False), (replace(samples, p_load=None), True)):
         write_samples(table, one)
-        done = run("fit", cell, table, "--predictor", KRIGING, "--out", out, "--force")
+        accepted = ["--accept-campaign"] * told  # loads on either side of the flange make two populations
+        done = run("fit", cell, table, "--predictor", KRIGING, "--out", out, "--force", *accepted)
         assert done.code == 0, done.err
         assert ("without their centre of mass" in " ".join(done.out.split())) == told
 

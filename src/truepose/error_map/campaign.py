@@ -29,6 +29,7 @@ _TERMS: Final = ("sin1", "cos1", "sin2", "cos2", "compliance")
 _STRAIN: Final = 1e-3  # tolerance of an arm's errors per length, where its joints are unknown
 _LOADED: Final = 5.0  # mm and mrad: largest displacement by another load
 _SAME: Final = 1e-6  # rad, mm
+_FAR_MM: Final = 1e3  # from the flange to the centre of a payload of which moments are multiples
 _LEAST_LIMIT: Final = 0.1  # mm
 _REMEDIES: Final = {
     "moved": "fit the samples before and after it as two maps, or measure again",
@@ -187,7 +188,9 @@ def check_campaign(
     limit = cell.correction.max_std_mm or max(_LEAST_LIMIT, 2.0 * (Repeatability.of(cell, robot).known or 0.0))
     tested = len(samples) if len(samples) >= FEWEST or reference is not None else 0
     words = [
-        _two_populations(change, tested, named) if named else _sentence(change, *map(name_one, pair))
+        _two_populations(change, tested, named, _centres_unknown(samples))
+        if named
+        else _sentence(change, *map(name_one, pair))
         for change, pair, named in zip(found, ends, members, strict=True)
     ]
     return CampaignCheck(found, words, limit, tested, suspected, ends)
@@ -248,22 +251,26 @@ def _of_arm(cell: Cell, robot: Robot, samples: Samples, tf_flange_tool: FloatArr
     n, r = len(samples), None if samples.reflector is None else points_on_tool(samples, cell)
     data = Positions(samples.q, np.zeros((n, 3)), np.zeros((n, 3, 3)), approach, r)
 
-    def under(mass: float) -> FloatArray:
+    def under(mass: float, centre: FloatArray) -> FloatArray:
         arm = ParametricArm.of(
-            robot,
-            tf_flange_tool,
-            terms=(*_TERMS, "backlash") if reversing else _TERMS,
-            load=Load(mass, np.array([payload.x_mm, payload.y_mm, payload.z_mm])),
+            robot, tf_flange_tool, terms=(*_TERMS, "backlash") if reversing else _TERMS, load=Load(mass, centre)
         )
         columns = data.jacobian(arm, np.zeros(len(arm.parameters)))
         own = np.array([parameter.group != "base" for parameter in arm.parameters])
         return np.asarray(columns[:, :, own] * arm.tolerance[own])
 
-    if samples.load is None or np.ptp(samples.load) == 0.0:
-        return under(payload.mass_kg)
-    least, most = float(samples.load.min()), float(samples.load.max())
-    share = ((samples.load - least) / (most - least))[:, None, None]  # the columns are linear in the payload
-    return (1.0 - share) * under(least) + share * under(most)
+    stated = np.array([payload.x_mm, payload.y_mm, payload.z_mm])
+    if samples.load is None or (np.ptp(samples.load) == 0.0 and samples.p_load is None):
+        return under(payload.mass_kg, stated)
+    # the columns are linear in the payload, and in its moment
+    known = np.full((n, 3), np.nan) if samples.p_load is None else samples.p_load
+    moment = samples.load[:, None] * np.where(np.isnan(known), stated, known)
+    without, origin = under(0.0, np.zeros(3)), under(1.0, np.zeros(3))
+    columns = without + samples.load[:, None, None] * (origin - without)
+    for axis in range(3):
+        along = under(1.0, _FAR_MM * np.eye(3)[axis]) - origin
+        columns += (moment[:, axis] / _FAR_MM)[:, None, None] * along
+    return columns
 
 
 def _strains(p: FloatArray) -> FloatArray:
@@ -300,14 +307,20 @@ def _references(samples: Samples, order: IntArray) -> tuple[IntArray, IntArray]:
     return first[late], last[late]
 
 
-def _two_populations(change: Change, n: int, rows: str) -> str:
-    m = len(change.members)
+def _centres_unknown(samples: Samples) -> bool:
+    return samples.load is not None and bool(np.ptp(samples.load) > 0.0) and samples.p_load is None
+
+
+def _two_populations(change: Change, n: int, rows: str, centres_unknown: bool) -> str:
+    m, cause = len(change.members), _CAUSES[change.frame]
+    if centres_unknown:
+        cause += ", or the centres of mass of the payloads differ, which no column states"
     by = f"{change.shift:.3f} ± {change.shift_std:.3f} mm"
     if change.turn_std:
         by += f" and {1e3 * change.turn:.3f} ± {1e3 * change.turn_std:.3f} mrad"
     return (
         f"the readings are of two populations {by} apart in the frame of the {change.frame}, {m} against {n - m}: "
-        f"{_CAUSES[change.frame]} ({rows}; p = {change.p_value:.1g})"
+        f"{cause} ({rows}; p = {change.p_value:.1g})"
     )
 
 
