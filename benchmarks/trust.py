@@ -33,7 +33,7 @@ ALL_PREDICTORS = tuple(
 )
 """Every name, each followed by its options that are worth a row."""
 USUAL = ("ordinary-kriging", "ordinary-kriging-joint", "calibration", "kinematic-kriging")
-"""Those with all seeds; the others have a few, of a minute each for all of them."""
+"""The predictors with all seeds. One cell takes a minute for all others together, so these have few seeds."""
 COLUMNS = (
     *(
         "kind",
@@ -156,13 +156,17 @@ def _study(page: Page, kinds: Sequence[str], seeds: range, *, quick: bool) -> No
 def _faults(page: Page, faults: Sequence[str], seeds: range) -> None:
     page.say("## Wrong statements, and conditions that no sample had")
     page.say(
-        "As above, with what one fault does to the samples, to the cell file or to the work. Worse: by more than "
-        "twice the repeatability. wrong serial: programs of another robot of the type. turned base: the model's "
-        "base is turned by 180° against the controller's. repeatability slip: ten times the true one is stated. "
-        "one-sided samples: lost motion of the joints, samples from one side, work from both, as the program "
-        "shows. payload not told: samples with three payloads, work with the largest, which nobody states. "
-        "reflector off: the reflector sits 12.7 mm from where it is stated. alternating reflectors: two in turn, "
-        "0.5 mm apart. flipped approach: the sides of the samples are stated with the wrong sign."
+        "As above, each row with one fault. A target is worse here if its error grew by more than twice the "
+        "repeatability. The faults are:\n\n"
+        "- wrong serial: the programs are those of another robot of the same type.\n"
+        "- turned base: the model's base is turned by 180° against the controller's base.\n"
+        "- repeatability slip: the cell file states ten times the true repeatability.\n"
+        "- one-sided samples: the joints have lost motion. Samples come from one side and work from both, which the "
+        "program shows.\n"
+        "- payload not told: the samples have three payloads. The work has the largest, which no file states.\n"
+        "- reflector off: the reflector is 12.7 mm from its stated place.\n"
+        "- alternating reflectors: two reflectors, 0.5 mm apart, are used in turn.\n"
+        "- flipped approach: the sides of the samples are stated with the wrong sign."
     )
     _rows(page, fates_of_fault, faults, dict.fromkeys(OF_FAULTS, seeds))
 

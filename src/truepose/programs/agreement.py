@@ -295,6 +295,8 @@ def _is_other(named: str, own: str) -> bool:
     (True, True)
     >>> _is_other("#KR16R1610 C4", "kuka-kr16-2"), _is_other("1-06VX12-A00", "yaskawa-gp12")
     (False, False)
+    >>> _is_other("IRB", "abb-irb4600-60-205")
+    False
     >>> _is_other("UR10", "universal-robots-ur10e"), _is_other("UR10e", "universal-robots-ur10e")
     (True, False)
     """
@@ -302,6 +304,8 @@ def _is_other(named: str, own: str) -> bool:
     if not family & other:
         return False
     numbers = _in_order(named), _in_order(own)
+    if not all(numbers):  # the family alone
+        return False
     if numbers[0][:1] != numbers[1][:1]:
         return True
     large = [{number for number in of[1:] if len(number) > 2} for of in numbers]

@@ -305,7 +305,7 @@ def _from_any_side(error_map: Corrector, n: int) -> list[str]:
     facts = error_map.facts if n and isinstance(error_map, KnowsFacts) else []
     if not any(fact.code == "one-sided" for fact in facts):
         return []
-    where = "half of the lost motion that the samples did not measure is in their standard deviation"
+    where = "half of the variance of the lost motion that the samples did not measure is in their standard deviation"
     return [f"{n} targets: it is not known from which side their joints come; {where}"]
 
 

@@ -141,7 +141,7 @@ def alternating(campaign: testing.Campaign) -> Change | None:
 def _of_the_arm(left: _LeftOut, part: testing.Campaign, second: _Second, alone: float) -> bool:
     """Return whether a step in one parameter of the arm explains the second population about as well.
 
-    A parameter that moves all its readings by the same vector is no other explanation.
+    A parameter that moves all these readings by the same vector does not count: it cannot be told from a population.
     """
     for column in np.moveaxis(part.columns, 2, 0):
         step = _searched(left, column[:, :, None], second.member, alone)

@@ -57,9 +57,9 @@ def _sources(targets: ProgramTargets) -> IntArray:
     row, _, goes_on = targets.motions
     if not len(row):
         return source
-    came, first = np.where(goes_on[1:], row[:-1], -2), row[1:]
-    source[first[::-1]] = came[::-1]
-    source[first[came != source[first]]] = -2
+    previous, now = np.where(goes_on[1:], row[:-1], -2), row[1:]
+    source[now[::-1]] = previous[::-1]
+    source[now[previous != source[now]]] = -2
     source[row[0]] = -2
     return source
 

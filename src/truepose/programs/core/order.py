@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.programs.core.columns import NO_MOTIONS, Follow, Motions, ProgramTargets, Stretch
-from truepose.programs.core.flow import Piece, Section
+from truepose.programs.core.pieces import Piece, Section
 from truepose.programs.core.program import linked
 from truepose.programs.core.source import Source, Span
 from truepose.programs.core.target import JOINT_MOTION, Target

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
 
-from truepose.programs.core.flow import WHOLE, Section
 from truepose.programs.core.joint_targets import JointNumbers
 from truepose.programs.core.order import Visit
+from truepose.programs.core.pieces import WHOLE, Section
 from truepose.programs.core.program import MEASURED_TOOL, Key, KnownFrames
 from truepose.programs.core.source import Source, Span, parse_number
 from truepose.programs.core.target import Along, Shifts, Verdict

@@ -6,9 +6,10 @@ import re
 from collections.abc import Callable, Iterable
 from typing import NamedTuple, Protocol, TypeVar
 
-from truepose.programs.core.flow import BlockError, Flow, Section
+from truepose.programs.core.flow import BlockError, Flow
 from truepose.programs.core.forms import FoundRun
 from truepose.programs.core.judge import Judge
+from truepose.programs.core.pieces import Section
 from truepose.programs.core.points import Frame, Place, Point, Problem, Use
 from truepose.programs.core.program import Key, KnownFrames, Program, ReadOptions
 from truepose.programs.core.source import PLAIN_LEXER, Source

@@ -12,9 +12,10 @@ import numpy as np
 
 from truepose.errors import FileError
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import Section, Shift, State
+from truepose.programs.core.flow import Shift, State
 from truepose.programs.core.forms import FoundRun, Lines, RunFinder
 from truepose.programs.core.named import Group
+from truepose.programs.core.pieces import Section
 from truepose.programs.core.points import RELATIVE, RUN_TIME, Derived, FileLine, Point, Problem, Use, unknown_motion
 from truepose.programs.core.program import Key, KnownFrames, Program, ReadOptions
 from truepose.programs.core.reader import Instruction, Reader

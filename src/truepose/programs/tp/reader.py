@@ -15,9 +15,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import Section
 from truepose.programs.core.forms import FoundRun, Lines
 from truepose.programs.core.named import Group
+from truepose.programs.core.pieces import Section
 from truepose.programs.core.points import FileLine, Place, Point, Problem, Use, not_understood, unknown_motion
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.reader import Instruction, Reader

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
 
-from truepose.programs.core.flow import Piece, Section
+from truepose.programs.core.pieces import Piece, Section
 from truepose.programs.core.points import FileLine, Frame, Point, Problem, Use
 from truepose.programs.core.source import parse_number, shown
 from truepose.programs.val3.code import ProgramCode, Reference, Statement
