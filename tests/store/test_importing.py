@@ -247,4 +247,5 @@ def test_a_map_is_kept_with_the_number_of_readings_left_out(store, team, tmp_pat
     tp.fit_cell(tp.load_cell(folder / "cell.toml"), samples, "calibration").save(folder / "map.truepose")
     import_folder(store, team["anna"], folder)
     (kept,) = rows(store, schema.map)
-    assert (kept["figures"]["n"], kept["figures"]["left_out"]) == (29, 1)
+    figures = json.loads(kept["figures"])
+    assert (figures["n"], figures["left_out"]) == (29, 1)
