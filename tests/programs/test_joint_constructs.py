@@ -49,7 +49,7 @@ def krl(folder: Path, src: str, dat: str = "", **options: Any) -> dict[str, Targ
         ("PTP XA", f"DECL E6AXIS XA={{{AXES},E2 -4.5}}", "refuse", "external axis E2"),
         ("PTP XA", "DECL E6AXIS XA={A1 10,A2 -80}", "skip", "joint target"),
         ("LIN XA", f"DECL E6AXIS XA={{{AXES}}}", "skip", "joint target"),
-        ("$IPO_MODE=#TCP\nPTP XA", f"DECL E6AXIS XA={{{AXES}}}", "refuse", "external TCP"),
+        ("$IPO_MODE=#TCP\nPTP XA", f"DECL E6AXIS XA={{{AXES}}}", "refuse", "the robot holds the part"),
         ("$TOOL=f()\nPTP XA", f"DECL E6AXIS XA={{{AXES}}}", "refuse", "$TOOL is known at run time only"),
         ("$TOOL=TOOL_DATA[5]\nPTP XA", f"DECL E6AXIS XA={{{AXES}}}", "refuse", "TOOL_DATA[5] is not known"),
     ],

@@ -271,10 +271,10 @@ def test_base_by_constant_or_variable(read: Read) -> None:
         assert "is known at run time only" in target.reason
 
 
-def test_external_tcp_is_refused(read: Read) -> None:
+def test_a_fixed_tool_waits_for_the_robot_of_a_map(read: Read) -> None:
     fdat = "{TOOL_NO 3,BASE_NO 1,IPO_FRAME #TCP}"
     target = only(read("LIN XP7", f"DECL E6POS XP7={POSE}\nDECL FDAT FP7={fdat}"))
-    assert (target.verdict, "external TCP" in target.reason) == ("refuse", True)
+    assert (target.verdict, "(IPO_FRAME #TCP)" in target.reason) == ("refuse", True)
     assert only(read(f"{SET}$IPO_MODE=#TCP\nLIN {POSE}")).verdict == "refuse"
 
 

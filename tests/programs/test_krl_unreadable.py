@@ -69,7 +69,7 @@ def test_what_shares_nothing_with_it_is_corrected(tmp_path: Path, statements: st
         ("called( )", "called", "BROKEN() was called, which cannot be read"),
         ("GLOBAL INTERRUPT DECL 4 WHEN $IN[1] DO stop( )", "own", "the interrupt program STOP() is not in this file"),
         ("RET=RSI_ON(#RELATIVE)", "caller", "RSI_ON"),
-        ("$IPO_MODE=#TCP", "caller", "whether the TCP is external depends on the run time"),
+        ("$IPO_MODE=#TCP", "caller", "whether the TCP is external (IPO_FRAME #TCP) depends on the run time"),
     ],
 )
 def test_what_it_names_is_refused(tmp_path: Path, statements: str, module: str, reason: str) -> None:

@@ -50,6 +50,7 @@ OTHER = {
     "follows": ("P3",),
     "frame_changed": "line 3",
     "tool_changed": "line 4",
+    "stands": "tool",
 }
 """Another value of each attribute. A reason may differ: it names lines. Places of numbers move with their digits."""
 

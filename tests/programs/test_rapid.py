@@ -131,8 +131,14 @@ def test_one_point_with_two_workobjects(read: Read) -> None:
     ("data", "why"),
     [
         ('PERS wobjdata w:=[FALSE,FALSE,"CNV1",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];', "mechanical unit"),
-        ('PERS wobjdata w:=[TRUE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];', "robot holds workobject w"),
-        ("PERS tooldata w:=[FALSE,[[0,0,0],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];", "does not stand on the robot"),
+        (
+            'PERS wobjdata w:=[TRUE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];',
+            "the robot holds the part (w), but tGrip is not",
+        ),
+        (
+            "PERS tooldata w:=[FALSE,[[0,0,0],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];",
+            "the robot holds the part (w), but wobj0 is not",
+        ),
     ],
 )
 def test_moving_or_robot_held_workobject(read: Read, data: str, why: str) -> None:

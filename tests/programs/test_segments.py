@@ -18,6 +18,7 @@ from truepose.programs.core.segments import _Ends, _follow
 from truepose.robots import Robot, load_robot, nearest_branch, status_turn
 
 ROBOT = load_robot("kuka-kr150-2")
+NOTHING_HELD = np.zeros(2, bool)
 HEAD = "$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\n"
 
 
@@ -105,7 +106,7 @@ def test_reach_and_limits_between_targets(step: float) -> None:
     flange = np.broadcast_to(np.eye(4), (2, 4, 4))
     found = {}
     for size in (step, 400.0):
-        given = _Ends(ends, np.stack([size * out] * 2), flange, start)
+        given = _Ends(ends, np.stack([size * out] * 2), flange, NOTHING_HELD, start)
         found[size] = _follow(ROBOT, given, np.array([[0, 1]]))[0]
     assert not found[step]
     assert found[400.0] == "the corrected path is out of reach"
@@ -122,7 +123,7 @@ def test_a_limit_of_a_joint_between_targets() -> None:
     ends[1, :3, 3] += 60.0 * pose[:3, 3] / np.linalg.norm(pose[:3, 3]) * [1, 1, 0]
     tangent = np.cross([0.0, 0.0, -1.0], pose[:3, 3] / np.linalg.norm(pose[:3, 3]))
     start = nearest_branch(robot.inverse(ends), q)
-    given = _Ends(ends, np.stack([tangent] * 2), np.broadcast_to(np.eye(4), (2, 4, 4)), start)
+    given = _Ends(ends, np.stack([tangent] * 2), np.broadcast_to(np.eye(4), (2, 4, 4)), NOTHING_HELD, start)
     assert _follow(robot, given, np.array([[0, 1]])) == ["the corrected path leaves the limits of a joint"]
 
 
@@ -134,5 +135,5 @@ def test_orientation_turns_along_the_segment() -> None:
     other[:3, 3] += [100.0, 0.0, 0.0]
     ends = np.stack([pose, other])
     start = nearest_branch(ROBOT.inverse(ends), SOUND)
-    given = _Ends(ends, np.full((2, 3), 0.5), np.broadcast_to(np.eye(4), (2, 4, 4)), start)
+    given = _Ends(ends, np.full((2, 3), 0.5), np.broadcast_to(np.eye(4), (2, 4, 4)), NOTHING_HELD, start)
     assert _follow(ROBOT, given, np.array([[0, 1]])) == [""]

@@ -28,6 +28,7 @@ from truepose.programs.core.approaches import starts_of
 from truepose.programs.core.columns import TargetColumns
 from truepose.programs.core.configurations import changed_words
 from truepose.programs.core.digits import moved
+from truepose.programs.core.held_parts import with_held_parts
 from truepose.programs.core.joints import joints_along_paths
 from truepose.programs.core.modules import RefusedModules
 from truepose.programs.core.orientations import turned
@@ -177,6 +178,7 @@ def correct_program(
     on_guard = limits.on_guard
     known = CorrectionContext.of(error_map)
     program = _read(path, cell or known.cell, frames, options, orientation)
+    program = with_held_parts(program, known.robot)
     warnings = _check_robot(error_map, program, cell, other_maker, (other_robot, this_robot))
     if proven:
         warnings = [*check_not_corrected(program, known.path), *warnings]
@@ -208,6 +210,7 @@ def correct_program(
     if isinstance(asked_map, KnowsCell) and isinstance(asked_map, KnowsPayload):
         warnings += check_loads(program, cell or asked_map.cell, asked_map.payload_at_work)
     warnings += tools_without_payload(program, asked_map)
+    warnings += _on_held_parts(program)
     warnings += unnamed_words(with_measured_tool(program), known.tf_flange_tool)
     done = 0
     for rows, columns in program.correctable_columns():
@@ -307,6 +310,13 @@ def _from_any_side(error_map: Corrector, n: int) -> list[str]:
         return []
     where = "half of the variance of the lost motion that the samples did not measure is in their standard deviation"
     return [f"{n} targets: it is not known from which side their joints come; {where}"]
+
+
+def _on_held_parts(program: Program) -> list[str]:
+    """Return the line that tells how many targets are corrected at a tool that stands."""
+    n = sum(int(columns.held.sum()) for _, columns in program.correctable_columns())
+    where = "the robot holds the part to a tool that stands, and the error of the part at the tool is corrected"
+    return [f"{n} {'target' if n == 1 else 'targets'}: {where}"] if n else []
 
 
 def _limits_in_force(error_map: Corrector, cell: Cell | None, **options: Any) -> LimitsInForce:
@@ -460,9 +470,9 @@ def _ask(
     With `others`, it is asked about these instead, one for each of the columns.
     """
     known = CorrectionContext.of(error_map)
-    poses, tf_base_frame = columns.poses_base(), columns.tf_base_frame()
+    poses, turns = columns.poses_base(), columns.base_to_frame()
     if others is not None:
-        poses, tf_base_frame = others.poses, others.tf_base_frame
+        poses, turns = others.poses, np.swapaxes(others.tf_base_frame[:, :3, :3], 1, 2)
     tools = columns.tf_flange_tool(known.tf_flange_tool)
     if others is not None:
         tools = tools @ others.tool
@@ -494,8 +504,7 @@ def _ask(
         for k, why in changed_words(known.robot, columns, poses, after, tools).items():
             if code[k] in (1, 2):
                 code[k], reasons[k] = _left(on_guard), why
-    # R_frame_base = R_base_frameᵀ
-    change = np.einsum("nji,nkj->nki", tf_base_frame[:, :3, :3], change.reshape(len(change), -1, 3))
+    change = np.einsum("nij,nkj->nki", turns, change.reshape(len(change), -1, 3))
     change = np.where(np.isin(code, (1, 2))[:, None, None], change, 0.0).reshape(len(change), -1)
     return change, answer.e, answer.std, code, reasons
 

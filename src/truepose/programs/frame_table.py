@@ -45,6 +45,8 @@ class FrameTable:
         The motion groups of the controller (FANUC).
     problems : mapping of ("tool" or "base", int or str) to str
         The reasons why frames that the controller has cannot be used, whatever the tables say.
+    of_held_parts : mapping of ("tool" or "base", int or str) to bool
+        Whether a tool is a part in the gripper, or a base a tool that stands, where the controller says it (KUKA).
 
     Raises
     ------
@@ -68,6 +70,7 @@ class FrameTable:
     tf_world_base: FloatArray | None = None
     groups: MotionGroups = field(default_factory=MotionGroups)
     problems: Mapping[tuple[str, Key], str] = field(default_factory=dict)
+    of_held_parts: Mapping[tuple[str, Key], bool] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for kind in ("tools", "bases"):

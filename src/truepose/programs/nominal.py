@@ -102,6 +102,13 @@ def nominal_targets(program: Program, map_path: Path | None, tf_flange_measured:
     ]
     poses = [_pose(target, None if rows is None else rows[k]) for k, target in found]
     tools = [tf_flange_measured if t.tf_flange_tool is None else t.tf_flange_tool for _, t in found]
+    for i, (_, target) in enumerate(found):
+        if target.stands == "tool":  # the pose is that of the tool on the part, which is to come to where it stands
+            poses[i], tools[i] = tools[i], poses[i]
+        elif target.stands:
+            assert target.tf_base_frame is not None
+            at_tool = invert_transform(target.tf_base_frame) @ poses[i]  # the part
+            poses[i], tools[i] = target.tf_base_frame, tools[i] @ invert_transform(at_tool)
     nothing = [None, None, None]
     errors = [nothing if rows is None else rows[k].get("e_mm", nothing) for k, _ in found]
     return NominalTargets(
@@ -169,7 +176,7 @@ def _rows(record: tuple[Path, dict[str, Any]], program: Program) -> Sequence[dic
 
 
 def _pose(target: Target, row: dict[str, Any] | None) -> FloatArray:
-    """Return the nominal pose of a target, base to tool (4, 4) [mm]."""
+    """Return the nominal pose of a target (4, 4) [mm], base to tool; from the flange where the tool stands."""
     assert target.tf_base_frame is not None
     xyz, angles = target.xyz, target.angles
     if row is not None and all(value is not None for value in row["before_mm"]):

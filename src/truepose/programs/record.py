@@ -140,9 +140,13 @@ def rows(
 
 def _in_base(columns: TargetColumns, before: FloatArray, after: FloatArray) -> FloatArray:
     """Return the positions before and after in the robot's base frame, (n, 6) [mm]; NaN where no frame is known."""
-    tf = columns.tf_base_frame()
+    tf, held = columns.tf_base_frame(), np.flatnonzero(columns.held)
     both = np.stack([before, after], axis=1)
     base: FloatArray = np.einsum("nij,nkj->nki", tf[:, :3, :3], both) + tf[:, None, :3, 3]
+    if len(held := held[np.isfinite(both[held]).all(axis=(1, 2)) & np.isfinite(tf[held]).all(axis=(1, 2))]):
+        some = columns.take(held)  # at the tool, which stands
+        base[held, 0] = some.poses_base()[:, :3, 3]
+        base[held, 1] = base[held, 0] + np.einsum("nji,nj->ni", some.base_to_frame(), (after - before)[held])
     return base.reshape(-1, 6)
 
 

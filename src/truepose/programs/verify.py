@@ -12,7 +12,8 @@ from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map import ErrorMap
 from truepose.errors import DataError, RefusedError
-from truepose.geometry.transforms import cross_matrix
+from truepose.geometry.transforms import cross_matrix, invert_transform
+from truepose.programs.core.held_parts import with_held_parts
 from truepose.programs.core.program import Program, ReadOptions
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.nominal import NominalTargets, nominal_targets
@@ -104,7 +105,7 @@ def verify_program(
     tolerance, origin = _tolerance(tolerance_mm, cell)
     if not isinstance(program, Program):
         program = read_program(program, frames or FrameTable.from_cell(cell), options)
-    tool = error_map.tf_flange_tool
+    program, tool = with_held_parts(program, error_map.robot), error_map.tf_flange_tool
     nominal = nominal_targets(program, error_map.path, tool)
     if not len(nominal):
         raise RefusedError(f"{program.path}: no target has a known position and frame; give --cell or --config-dat")
@@ -150,7 +151,9 @@ class _Task:
     @property
     def place(self) -> IntArray:
         """The first target with the same pose as each target, (n,)."""
-        poses = np.round(self.nominal.tf_base_tool.reshape(len(self.nominal), -1) / _SAME)
+        nominal = self.nominal
+        flanges = nominal.tf_base_tool @ invert_transform(nominal.tf_flange_tool)
+        poses = np.round(flanges.reshape(len(nominal), -1) / _SAME)
         _, first, group = np.unique(poses, axis=0, return_index=True, return_inverse=True)
         return np.asarray(first[group.reshape(-1)])
 

@@ -131,8 +131,7 @@ def test_tools_and_bases_are_read_with_names_lines_and_problems(folder: Path) ->
             np.testing.assert_allclose(frame.tf, matrix(values), atol=1e-7)
             line = next(i for i, text in enumerate(lines, 1) if text.startswith(f"{word}_DATA[{number}]="))
             assert (frame.name, frame.place) == (name, f"R1/System/$config.dat, line {line}")
-    assert "fixed" not in stored.tools[5].problem
-    assert "a part in the gripper (TOOL_TYPE[5]=#TCP)" in stored.tools[5].problem
+    assert [stored.tools[5].of_held_part, stored.tools[5].problem] == [True, ""]
     assert "it moves with DKP 400 (EASYS)" in stored.bases[17].problem
     assert not any(one.problem for number, one in stored.bases.items() if number != 17)
     assert stored.bases[9].name == ""

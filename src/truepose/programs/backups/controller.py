@@ -47,12 +47,15 @@ class StoredFrame(NamedTuple):
         The file and line, such as ``SYSFRAME.VA, line 12``.
     problem : str
         The reason why no target can be corrected in it, such as a base that moves; empty where there is none.
+    of_held_part : bool, optional
+        Whether it is a part in the gripper or, of a base, a tool that stands; None where the controller does not say.
     """
 
     tf: FloatArray
     name: str = ""
     place: str = ""
     problem: str = ""
+    of_held_part: bool | None = None
 
 
 @dataclass(frozen=True, eq=False)

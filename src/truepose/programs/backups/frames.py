@@ -40,19 +40,21 @@ def joined_frames(given: FrameTable, stored: StoredFrames, where: str) -> FrameT
         If the user's place of the robot in the controller's world is another one.
     """
     table = given if stored.tf_world_base is None else given.standing_at(stored.tf_world_base, where)
-    problems = dict(table.problems)
+    problems, held = dict(table.problems), dict(table.of_held_parts)
     found: dict[str, dict[Key, FloatArray]] = {"tool": {}, "base": {}}
     for which, kind in _KINDS.items():
         own: Mapping[Key, FloatArray] = getattr(table, kind)
         frames: Mapping[Key, StoredFrame] = getattr(stored, kind)
         for key, frame in ((frame_key(key), frame) for key, frame in frames.items()):
             tf = table.bases[0] @ frame.tf if which == "base" and stored.in_world else frame.tf
+            if frame.of_held_part is not None:
+                held[which, key] = frame.of_held_part
             if why := _problem(frame, tf, own.get(key), f"[frames.{kind}.{key}]"):
                 problems[which, key] = why
             else:
                 found[which][key] = tf
     tools, bases = ({**getattr(table, kind), **found[which]} for which, kind in _KINDS.items())
-    return replace(table, tools=tools, bases=bases, problems=problems)
+    return replace(table, tools=tools, bases=bases, problems=problems, of_held_parts=held)
 
 
 def is_zero(tf: FloatArray) -> bool:

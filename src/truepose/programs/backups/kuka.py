@@ -35,6 +35,8 @@ _ARCHIVE: Final = re.compile(r"(?m)^[ \t]*(RobName|IRSerialNr|Version)[ \t]*=[ \
 _ACCURATE: Final = re.compile(
     rb"^[^;\r\n]*\$(ABS_ACCUR[ \t]*=[ \t]*TRUE|DEACTIVATE_ABS_ACCUR[ \t]*=[ \t]*FALSE)", re.I | re.M
 )
+_OF_HELD_PARTS: Final = {"TCP": True, "BASE": False}
+"""Types of tools and bases that say whether the robot holds the part."""
 _SAME_MM: Final = 1e-3
 _FIRST_OF_POSITIONERS: Final = 17
 """First of the bases that an older controller keeps for its external kinematic systems 1 to 6."""
@@ -160,7 +162,8 @@ def stored_frames(root: Path, files: Sequence[Path]) -> StoredFrames:
             continue
         place = f"{path.relative_to(root.parent)}, line {entry.line}"
         problem = _problem(which, number, entry, config, machine)
-        frames[which][number] = StoredFrame(entry.tf, name, place, problem)
+        held = _OF_HELD_PARTS.get(config.types.get((which, number), ""))
+        frames[which][number] = StoredFrame(entry.tf, name, place, problem, held)
     for (which, number), error in config.broken.items():
         place = f"{path.relative_to(root.parent)}, line {error.line}"
         frames[which][number] = StoredFrame(np.eye(4), "", place, str(error))
@@ -171,9 +174,6 @@ def stored_frames(root: Path, files: Sequence[Path]) -> StoredFrames:
 
 def _problem(which: str, number: int, entry: Entry, config: ConfigDat, machine: MachineDat | None) -> str:
     """Return why no target can be corrected in a frame; empty where nothing is against it."""
-    if config.types.get((which, number)) == "TCP":
-        what = "a part in the gripper" if which == "tool" else "a fixed tool"
-        return f"it is {what} ({which.upper()}_TYPE[{number}]=#TCP): tool and base change roles"
     if which == "base" and machine and machine.carriers:
         return _carried(machine)
     carrier = config.carriers.get((which, number), 0)

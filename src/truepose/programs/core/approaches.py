@@ -71,6 +71,8 @@ def _kinds(targets: ProgramTargets) -> tuple[BoolArray, BoolArray]:
         kinds, which = columns.shared()
         for mine, form in zip(found, (_STRAIGHT, _BY_JOINTS), strict=True):
             only = [bool(kind.motions) and all(map(form.fullmatch, kind.motions)) for kind in kinds]
+            if form is _STRAIGHT:  # a held part moves so that the tool goes straight along it
+                only = [is_only and not kind.stands for is_only, kind in zip(only, kinds, strict=True)]
             mine[start : start + len(columns)] = np.array(only, np.bool_)[which]
     return found[0], found[1]
 

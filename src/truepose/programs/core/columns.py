@@ -6,7 +6,7 @@ and code that works on all of them takes `TargetColumns`, some thousand at a tim
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate
 from pathlib import Path
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose._typing import BoolArray, FloatArray, IntArray
-from truepose.geometry import make_transform
+from truepose.geometry import invert_transform, make_transform
 from truepose.programs.core import orientations
 from truepose.programs.core.joint_targets import MOST_JOINTS
 from truepose.programs.core.target import Shifts, Target
@@ -201,16 +201,32 @@ class TargetColumns:
             follows=self.follows.get(i, ()),
         )
 
+    @property
+    def held(self) -> BoolArray:
+        """Whether the robot holds the part and the tool stands, (n,)."""
+        kinds, which = self.shared()
+        return np.array([bool(target.stands) for target in kinds], np.bool_)[which]
+
     def tf_base_frame(self) -> FloatArray:
-        """Return their frames, (n, 4, 4) [mm]; NaN where not known."""
+        """Return their frames, (n, 4, 4) [mm]; NaN where not known. Where the tool stands, they are on the flange."""
         unknown = np.full((4, 4), np.nan)
         kinds, which = self.shared()
         return np.array([unknown if t.tf_base_frame is None else t.tf_base_frame for t in kinds])[which]
 
     def tf_flange_tool(self, measured: FloatArray) -> FloatArray:
-        """Return their tools, (n, 4, 4) [mm]; `measured` where the program names none."""
+        """Return their tools, (n, 4, 4) [mm]; `measured` where the program names none.
+
+        Where a part is held, it is the place on the part that comes to the tool: the error there counts.
+        """
         kinds, which = self.shared()
-        return np.array([measured if t.tf_flange_tool is None else t.tf_flange_tool for t in kinds])[which]
+        tools: FloatArray = np.array([measured if t.tf_flange_tool is None else t.tf_flange_tool for t in kinds])[which]
+        for k, rows in self._held_rows():
+            some = self.take(rows)
+            own = make_transform(some.rotation(), some.values[:, :3])
+            frame, tool = self.alike[k].tf_base_frame, self.alike[k].tf_flange_tool
+            assert frame is not None and tool is not None  # noqa: PT018 - of a target whose verdict is "correct"
+            tools[rows] = frame @ own if self.alike[k].stands == "tool" else tool @ invert_transform(own)
+        return tools
 
     def rotation(self) -> Rotation:
         """Return their orientations in their own frames; all must have one."""
@@ -219,7 +235,30 @@ class TargetColumns:
     def poses_base(self) -> FloatArray:
         """Return their poses, base to tool, (n, 4, 4) [mm]; all must have one."""
         poses: FloatArray = self.tf_base_frame() @ make_transform(self.rotation(), self.values[:, :3])
+        for k, rows in self._held_rows():
+            like = self.alike[k]
+            poses[rows] = like.tf_flange_tool if like.stands == "tool" else like.tf_base_frame
         return poses
+
+    def base_to_frame(self) -> FloatArray:
+        """Return the matrices, (n, 3, 3), that turn changes of position in the base frame into those of the numbers.
+
+        Where the program states the place of a standing tool on a part, that moves the other way. All targets must have
+        a pose.
+        """
+        turns = np.swapaxes(self.tf_base_frame()[:, :3, :3], 1, 2).copy()
+        for k, rows in self._held_rows():
+            if self.alike[k].stands == "tool":
+                some = self.take(rows)
+                turns[rows] = -some.rotation().as_matrix() @ np.swapaxes(some.poses_base()[:, :3, :3], 1, 2)
+        return turns
+
+    def _held_rows(self) -> Iterator[tuple[int, IntArray]]:
+        """Yield the kinds of targets where the robot holds the part, with their targets that have a pose."""
+        for k in np.unique(self.kind).tolist():
+            like = self.alike[k]
+            if like.stands and like.tf_base_frame is not None and like.tf_flange_tool is not None:
+                yield k, np.flatnonzero((self.kind == k) & np.isfinite(self.values).all(axis=1))
 
 
 class Motions(NamedTuple):
@@ -358,6 +397,21 @@ class ProgramTargets(Sequence[Target]):
         return found
 
     @property
+    def kinds(self) -> Sequence[Target]:
+        """The data that targets share, without name, line and numbers."""
+        return self._alike
+
+    def with_kinds(self, change: Callable[[Target], Target]) -> ProgramTargets:
+        """Return the same targets with other shared data."""
+        found = ProgramTargets((), self.motions, self.follows)
+        found._alike, found._starts = [change(like) for like in self._alike], self._starts
+        found._pieces = [
+            (replace(piece, alike=found._alike) if isinstance(piece, TargetColumns) else piece, kinds)
+            for piece, kinds in self._pieces
+        ]
+        return found
+
+    @property
     def names_joints(self) -> bool:
         """Whether there are joint targets."""
         return any(target.joint_form is not None for target in self._alike)
@@ -382,7 +436,7 @@ def _kind(target: Target, alike: list[Target], known: dict[object, int]) -> int:
     key = (
         target.path, target.motions, target.verdict, target.reason, target.frame, target.tool, target.frame_number,
         target.tool_number, target.controller, target.configuration, target.unit, target.joint_form,
-        target.frame_changed, target.tool_changed,
+        target.frame_changed, target.tool_changed, target.stands,
         None if target.tf_base_frame is None else target.tf_base_frame.tobytes(),
         None if target.tf_flange_tool is None else target.tf_flange_tool.tobytes(),
     )  # fmt: skip

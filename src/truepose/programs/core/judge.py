@@ -15,6 +15,7 @@ from truepose.programs.core.order import Sweep, in_order
 from truepose.programs.core.points import (
     ALLOWED_JOINTS,
     AS_MEASURED,
+    FIXED_TOOL,
     JOINTS,
     RUN_TIME,
     Frame,
@@ -97,6 +98,8 @@ class Judge:
         try:  # also where the target stays as it is: a path may go through it
             if uses:
                 tool, frame = self._in_force(point, uses)
+                if tool.stands or frame.stands:
+                    self._check_held(point, tool, frame)
                 if problem is None and point.objection is not None:
                     raise NotCorrected(*point.objection)
                 frame = self._within_tolerance("base", frame)
@@ -107,6 +110,8 @@ class Judge:
                 tf_flange_tool, tf_base_frame = self._transforms(tool, frame)
         except NotCorrected as stop:
             problem = problem or stop.problem
+        if problem is None and tool is not None and tool.stands == "base":
+            problem = FIXED_TOOL
         if (joints := point.joints) is not None and not self._options.joint_targets:
             problem = JOINTS if problem else ALLOWED_JOINTS
         known = len(point.values) == 3 + orientations.count(self._controller)
@@ -137,6 +142,7 @@ class Judge:
             follows=tuple([one.name for one in point.follows]) if self._follows(point) else (),
             frame_changed=frame.changed if frame else "",
             tool_changed=tool.changed if tool else "",
+            stands=tool.stands if tool else "",
         )
 
     def _check(self, point: Point) -> None:
@@ -192,7 +198,8 @@ class Judge:
         if len(found) > 1:
             (first, a), (second, b) = list(found.items())[:2]
             k = 0 if first[0] != second[0] else 1
-            reason = f"moved to under {first[k].text} ({at(a.line)}) and {second[k].text} ({at(b.line)})"
+            words = [one[k].text + (" of a held part" if one[k].stands else "") for one in (first, second)]
+            reason = f"moved to under {words[0]} ({at(a.line)}) and {words[1]} ({at(b.line)})"
             raise NotCorrected(self._options.ambiguous, f"{reason}: teach two points")
         return next(iter(found))
 
@@ -202,6 +209,33 @@ class Judge:
         if (known := stated_frame(self._frames, which) or self._default[which]) is not None:
             return known
         raise NotCorrected("refuse", f"the program names no {which}; state the one in force ({how_to_state(which)})")
+
+    def _check_held(self, point: Point, tool: Frame, frame: Frame) -> None:
+        """Refuse what is not corrected where the robot holds the part, to a tool that stands in the world."""
+        stands = "the tool stands in the world and the robot holds the part"
+        why = ""
+        if point.joints is not None:
+            why = f"{stands}: which point of it the joints bring to the tool is not known"
+        elif tool.stands != frame.stands:
+            whose = tool if tool.stands else frame
+            why = f"{stands} ({whose.text}), but {(frame if tool.stands else tool).text} is not of such a part"
+        elif tool.text == AS_MEASURED:
+            why = f"{stands}, of which the program names no frame; state that on the flange"
+        elif tool.stands == "base" and frame.key == 0:
+            why = f"{stands}, but {frame.text} is no tool; state where the tool stands"
+        elif self._options.orientation:
+            why = f"{stands}: positions are corrected there, without orientations"
+        elif point.derived:
+            why = f"{stands}: positions that are derived from this one ({at(point.derived[0].place)}) are not corrected"
+        elif tool.stands == "tool" and (given := self._given(tool, frame)) is not None:
+            why = f"{given.text} is also in [frames], where tools are on the flange and bases in the world; remove it"
+        if why:
+            raise NotCorrected("refuse", why)
+
+    def _given(self, tool: Frame, frame: Frame) -> Frame | None:
+        """Return the first of a tool and a base that the user gives."""
+        tables = ((tool, self._frames.tools), (frame, self._frames.bases))
+        return next((one for one, table in tables if one.key is not None and frame_key(one.key) in table), None)
 
     def _changed_at(self, which: str, frame: Frame) -> str:
         """Return where the program changes a tool or base; empty if it does not."""
@@ -217,7 +251,7 @@ class Judge:
 
     def _within_tolerance(self, which: str, frame: Frame) -> Frame:
         """Return a tool or base whose stored value counts, if the options allow that and it is known."""
-        how = self._changed_at(which, frame) if self._tolerance(which) else ""
+        how = self._changed_at(which, frame) if self._tolerance(which) and not frame.stands else ""
         table = self._frames.tools if which == "tool" else self._frames.bases
         known = frame.tf is not None or (frame.key is not None and frame_key(frame.key) in table)
         return frame._replace(changed=how) if how and known else frame
@@ -245,19 +279,26 @@ class Judge:
             raise NotCorrected("refuse", f"{how}; {WITHIN[which]}" if stored else how)
         if key is not None and (why := self._frames.problems.get((which, key))):
             raise NotCorrected("refuse", f"{which} {frame.text} {why}")
+        held = None if key is None else self._frames.of_held_parts.get((which, key))
+        if held is not None and held != bool(frame.stands):
+            what = {"tool": "a part in the gripper", "base": "a fixed tool"}[which]
+            told = f"is marked as {what}, but" if held else f"is not marked as {what}, but the robot holds the part:"
+            raise NotCorrected("refuse", f"{which} {frame.text} {told} the motion says otherwise")
         if key is not None and key in table:
             return table[key]
         if frame.tf is not None:
             tf = _array(frame.tf)
-            if which == "tool":
-                return tf
+            if which != (frame.stands or "base"):
+                return tf  # on the flange
             if why := self._frames.problems.get(("base", 0)):  # the program gives it in the world
-                raise NotCorrected("refuse", f"base {frame.text} {why}")
+                raise NotCorrected("refuse", f"{which} {frame.text} {why}")
             return self._frames.bases[0] @ tf
         raise NotCorrected("refuse", f"{which} {frame.text} is not known; {self._remedy(which, frame)}")
 
     def _remedy(self, which: str, frame: Frame) -> str:
         """Return how the user gives a tool or base that is not known."""
+        if frame.stands == "tool":
+            return "state it with numbers where the program declares it: the robot holds the part"
         return f"give it in [frames.{'tools' if which == 'tool' else 'bases'}.{frame.key}] of the cell file"
 
     def program_targets(

@@ -18,7 +18,7 @@ from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import RefusedError
 from truepose.programs.core.modules import RefusedModules
 from truepose.programs.core.outcomes import DONE, Outcomes
-from truepose.programs.core.program import Program
+from truepose.programs.core.program import IDENTITY, Program
 from truepose.programs.core.smoothing import Bends, smoothed
 from truepose.programs.core.source import printable
 
@@ -116,7 +116,7 @@ class Paths:
 
     def __init__(self, program: Program, outcomes: Outcomes, limit: float | None = None) -> None:
         self._n, self._motions = len(program.targets), program.targets.motions
-        self._p, self._change = _in_base(program, outcomes)
+        self._p, self._change, self._held = _in_base(program, outcomes)
         self.limit, self._slope = limit or default_limit(outcomes), 0.0 if limit else SLOPE
         self._smoothed: dict[int, float] = {}
 
@@ -186,6 +186,7 @@ class Paths:
         bends = Bends(place[corner.at], place[corner.at - 1], place[corner.at + 1], corner.share, limit)
         free = outcomes.code[rows] == DONE.index("correct")  # one that was clipped is at its own limit
         free &= ~np.isin(rows, list(outcomes.differences))  # compared with those of positions that share them
+        free &= ~self._held[rows]  # their numbers are not the place on the part
         if outcomes.joints is not None:
             free &= np.isnan(outcomes.joints.p[rows, 0])  # their digits are joints
         found = smoothed(change, free, np.linalg.norm(outcomes.std[rows], axis=1), bends)
@@ -247,7 +248,7 @@ class Paths:
         row, on_path, _ = self._motions
         known = np.isfinite(self._p[row, 0]) if len(row) else np.empty(0, bool)
         joined = on_path & known
-        joined[1:] &= known[:-1]
+        joined[1:] &= known[:-1] & (self._held[row[1:]] == self._held[row[:-1]])
         path = np.cumsum(~joined)
         same = np.zeros(len(row), bool)
         same[1:] = joined[1:] & (row[1:] == row[:-1])
@@ -266,14 +267,25 @@ def default_limit(outcomes: Outcomes) -> float:
     return max(SMALLEST_LIMIT, STANDARD_DEVIATIONS * rms)
 
 
-def _in_base(program: Program, outcomes: Outcomes) -> tuple[FloatArray, FloatArray]:
-    """Return positions and changes of all targets in the base frame, (n, 3) [mm]; NaN where not known."""
+def _in_base(program: Program, outcomes: Outcomes) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return positions and changes of all targets in the base frame, (n, 3) [mm], and where a part is held, (n,).
+
+    Positions are NaN where they are not known. Those of a tool on a held part are in the frame of the flange, in which
+    the controller interpolates.
+    """
     p, change = np.full((2, len(program.targets), 3), np.nan)
+    held = np.zeros(len(program.targets), np.bool_)
     for first, columns in program.targets.chunks():
         here = slice(first, first + len(columns))
         tf = columns.tf_base_frame()
         p[here] = np.einsum("nij,nj->ni", tf[:, :3, :3], columns.values[:, :3]) + tf[:, :3, 3]
         change[here] = np.einsum("nij,nj->ni", tf[:, :3, :3], outcomes.after[here, :3])
+        if len(on_parts := np.flatnonzero(columns.held & np.isfinite(columns.values).all(axis=1))):
+            some, rows = columns.take(on_parts), first + on_parts
+            on_part = some.tf_flange_tool(IDENTITY)
+            moved = np.einsum("nji,nj->ni", some.base_to_frame(), outcomes.after[rows, :3])  # of the flange, base frame
+            turn = on_part[:, :3, :3] @ np.swapaxes(some.poses_base()[:, :3, :3], 1, 2)
+            held[rows], p[rows], change[rows] = True, on_part[:, :3, 3], -np.einsum("nij,nj->ni", turn, moved)
     if outcomes.joints is not None:
         joints = np.isfinite(outcomes.joints.p[:, 0])
         p[joints], change[joints] = outcomes.joints.p[joints], outcomes.joints.change[joints]
@@ -285,7 +297,7 @@ def _in_base(program: Program, outcomes: Outcomes) -> tuple[FloatArray, FloatArr
         if source.rotation is not None and source.tf_base_frame is not None:
             p[i] = p[j] + source.tf_base_frame[:3, :3] @ follow.shift.vectors(source.rotation)[0][0]
             change[i] = change[j]
-    return p, change
+    return p, change, held
 
 
 def _measure(

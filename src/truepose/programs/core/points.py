@@ -14,7 +14,7 @@ from truepose.programs.core.order import Visit
 from truepose.programs.core.pieces import WHOLE, Section
 from truepose.programs.core.program import MEASURED_TOOL, Key, KnownFrames
 from truepose.programs.core.source import Source, Span, parse_number
-from truepose.programs.core.target import Along, Shifts, Verdict
+from truepose.programs.core.target import Along, Shifts, Stands, Verdict
 
 NOT_HERE: Final = (-1, -1)
 """Span of a number that a point takes over from the one before it."""
@@ -47,6 +47,12 @@ class Problem(NamedTuple):
 
 JOINTS: Final = Problem("skip", "joint target")
 ALLOWED_JOINTS: Final = Problem("skip", "joint target; allow joint_targets to correct it")
+FIXED_TOOL: Final = Problem(
+    "refuse",
+    "the robot holds the part to a fixed tool (IPO_FRAME #TCP): correct tells from the map's robot, and from Status "
+    "and Turn of PTP motions, how its positions count",
+)
+"""Until `truepose.programs.core.held_parts` has found it out."""
 RUN_TIME: Final = Problem("skip", "target known at run time only")
 RELATIVE: Final = Problem("skip", "relative: it starts from a target that is corrected already")
 
@@ -85,12 +91,15 @@ class Frame(NamedTuple):
     changed : str
         Where the program changes a base whose stored value is used within the tolerance of the options; empty for any
         other.
+    stands : {"", "tool", "base"}
+        Where the robot holds the part, what of tool and base stands in the world; the other one is on the flange.
     """
 
     text: str
     key: Key | None = None
     tf: bytes | None = None
     changed: str = ""
+    stands: Stands = ""
 
 
 def stated_frame(frames: KnownFrames, which: Literal["tool", "base"]) -> Frame | None:

@@ -191,6 +191,10 @@ class KnownFrames(Protocol):
         """The motion groups."""
 
     @property
+    def of_held_parts(self) -> Mapping[tuple[str, Key], bool]:
+        """Whether a "tool" is a part in the gripper, or a "base" a tool that stands, where the controller says it."""
+
+    @property
     def problems(self) -> Mapping[tuple[str, Key], str]:
         """The reasons why a "tool" or "base" of some number or name cannot be used, although the controller has it."""
 

@@ -74,7 +74,7 @@ def _frames(targets: ProgramTargets) -> list[_Frame]:
     for first, columns in targets.chunks():
         kinds, which = columns.shared()
         for k, like in enumerate(kinds):
-            if like.verdict != "correct" or like.joint_form is not None or like.tf_base_frame is None:
+            if like.verdict != "correct" or like.joint_form is not None or like.tf_base_frame is None or like.stands:
                 continue
             rows = np.flatnonzero(which == k)
             key = like.path, like.frame, like.unit, like.tf_base_frame.tobytes()

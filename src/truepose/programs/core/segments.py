@@ -38,19 +38,28 @@ class _Ends:
     Attributes
     ----------
     pose : (k, 4, 4) array [mm]
-        Base to tool, as programmed.
+        What the controller interpolates, as programmed: base to tool, or flange to tool where the robot holds the part.
     change : (k, 3) array [mm], base frame
         The corrections.
-    tf_tool_flange : (k, 4, 4) array [mm]
-        The transforms from tool to flange.
+    other : (k, 4, 4) array [mm]
+        The transforms from tool to flange, or from base to tool where the robot holds the part.
+    held : (k,) array of bool
+        Whether the robot holds the part.
     q : (k, dof) array [rad]
         The joints on the branch of the target; NaN where it is not known.
     """
 
     pose: FloatArray
     change: FloatArray
-    tf_tool_flange: FloatArray
+    other: FloatArray
+    held: BoolArray
     q: FloatArray
+
+    def flange(self, pose: FloatArray, at: IntArray) -> FloatArray:
+        """Return the flanges, base to flange (m, 4, 4) [mm], of poses on the way from the targets `at` (m,)."""
+        held = self.held[at][:, None, None]
+        flange: FloatArray = np.where(held, self.other[at] @ invert_transform(pose), pose @ self.other[at])
+        return flange
 
 
 def unsafe_segments(
@@ -96,19 +105,21 @@ def _ends(
 ) -> _Ends:
     """Return the data of some targets."""
     k = len(rows)
-    ends = _Ends(np.empty((k, 4, 4)), np.zeros((k, 3)), np.empty((k, 4, 4)), np.full((k, robot.dof), np.nan))
+    whole, none = np.empty((2, k, 4, 4)), np.zeros(k, np.bool_)
+    ends = _Ends(whole[0], np.zeros((k, 3)), whole[1], none, np.full((k, robot.dof), np.nan))
     for first, columns in outcomes.program.targets.chunks():
         here = np.flatnonzero((rows >= first) & (rows < first + len(columns)))
         if not len(here):
             continue
         some = columns.take(rows[here] - first)
-        ends.pose[here] = some.poses_base()
-        tools = some.tf_flange_tool(tf_flange_tool)
-        ends.tf_tool_flange[here] = invert_transform(tools)
+        poses, tools = some.poses_base(), some.tf_flange_tool(tf_flange_tool)
+        ends.held[here] = held = some.held
+        ends.pose[here] = np.where(held[:, None, None], tools, poses)
+        ends.other[here] = np.where(held[:, None, None], poses, invert_transform(tools))
         moved = outcomes.corrected[rows[here]]
         change = np.where(moved[:, None], outcomes.after[rows[here], :3], 0.0)
-        ends.change[here] = np.einsum("nij,nj->ni", some.tf_base_frame()[:, :3, :3], change)
-        ends.q[here] = joints_of_words(robot, some, ends.pose[here] @ ends.tf_tool_flange[here])
+        ends.change[here] = np.einsum("nji,nj->ni", some.base_to_frame(), change)
+        ends.q[here] = joints_of_words(robot, some, ends.flange(ends.pose[here], here))
     if near is not None:
         known = np.isfinite(near[rows]).all(axis=1)
         ends.q[known] = near[rows[known]]
@@ -130,10 +141,11 @@ def _follow(robot: Robot, ends: _Ends, place: IntArray) -> list[str]:
             Rotation.from_matrix(start[on, :3, :3]) * Rotation.from_rotvec(t * turn[on]),
             start[on, :3, 3] + t * (end[on, :3, 3] - start[on, :3, 3]),
         )
-        q[on] = nearest_branch(inverse(robot, pose @ ends.tf_tool_flange[a[on]]), q[on])
-        on, pose, t = (each[np.isfinite(q[on]).all(axis=1)] for each in (on, pose, t))
-        pose[:, :3, 3] += ends.change[a[on]] + t * (ends.change[b[on]] - ends.change[a[on]])
-        moved = nearest_branch(inverse(robot, pose @ ends.tf_tool_flange[a[on]]), q[on])
+        flange = ends.flange(pose, a[on])
+        q[on] = nearest_branch(inverse(robot, flange), q[on])
+        on, flange, t = (each[np.isfinite(q[on]).all(axis=1)] for each in (on, flange, t))
+        flange[:, :3, 3] += ends.change[a[on]] + t * (ends.change[b[on]] - ends.change[a[on]])
+        moved = nearest_branch(inverse(robot, flange), q[on])
         for i, text in zip(on.tolist(), _wrong(robot, q[on], moved), strict=True):
             why[i] = why[i] or text
     return why

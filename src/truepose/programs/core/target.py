@@ -23,6 +23,8 @@ JOINT_MOTION: Final = re.compile(
 """Words of joint motions, whose path is no line in space, and of data whose motions are not known."""
 
 
+Stands = Literal["", "tool", "base"]
+"""Where the robot holds the part, what of tool and base stands in the world; empty where it holds the tool."""
 Along = Literal["frame", "tool", "both"]
 
 
@@ -86,7 +88,8 @@ class Target:
     controller : str
         The convention of the angles; see `truepose.programs.core.orientations.rotation`.
     tf_base_frame, tf_flange_tool : (4, 4) array [mm], optional
-        The frame and the tool. Without a tool, that of the measurements counts.
+        The frame and the tool. Without a tool, that of the measurements counts. Where the tool `stands`, it is relative
+        to the robot's base, and the frame to the flange.
     status, turn : int, optional
         The configuration, where the target names it as KUKA does.
     configuration : str
@@ -107,6 +110,10 @@ class Target:
         Where the program changes its frame, if the stored value is used within a tolerance; empty for any other.
     tool_changed : str
         The same for its tool.
+    stands : {"", "tool", "base"}
+        What of tool and frame stands in the world, where the robot holds the part and moves it to a tool that stands.
+        "tool": the program states the tool's place on the part. "base": it states the part's place at the tool, which
+        the program calls a base.
     """
 
     name: str
@@ -135,6 +142,7 @@ class Target:
     follows: tuple[str, ...] = ()
     frame_changed: str = ""
     tool_changed: str = ""
+    stands: Stands = ""
 
     @property
     def p(self) -> FloatArray:

@@ -20,7 +20,7 @@ from truepose.programs.core.points import JOINTS as JOINT_TARGET
 from truepose.programs.core.points import Frame, Place, Point, Problem, Use, at, how_to_state, stated_frame
 from truepose.programs.core.program import KnownFrames, ReadOptions
 from truepose.programs.core.source import Source
-from truepose.programs.core.target import JOINT_MOTION
+from truepose.programs.core.target import JOINT_MOTION, Stands
 from truepose.programs.krl.lexer import CARTESIAN, Aggregate
 
 Index = tuple[int, ...] | None
@@ -251,12 +251,12 @@ class KrlJudge(Judge):
         ipos = {motion.ipo} if motion.ipo else set(state.ipo | self._ambient.ipo)
         if fdat and fdat.ipo != "BASE":
             ipos = {fdat.ipo}
-        if ipos != {"BASE"}:
-            only = ipos == {"TCP"}
-            why = "external TCP (IPO_FRAME #TCP)" if only else "whether the TCP is external depends on the run time"
-            raise NotCorrected("refuse", f"{why}: tool and base change roles, which is not supported")
-        tool = self._value(motion, state, fdat, "tool")
-        return tool, self._value(motion, state, fdat, "base") if based else None
+        if ipos not in ({"BASE"}, {"TCP"}):
+            why = "whether the TCP is external (IPO_FRAME #TCP) depends on the run time"
+            raise NotCorrected("refuse", f"{why}; set $IPO_MODE to a constant before this motion")
+        stands: Stands = "base" if ipos == {"TCP"} else ""
+        tool = self._value(motion, state, fdat, "tool")._replace(stands=stands)
+        return tool, self._value(motion, state, fdat, "base")._replace(stands=stands) if based else None
 
     def _value(self, motion: KrlMotion, state: State, fdat: FdatFrames | None, which: Literal["tool", "base"]) -> Frame:
         system, data = _NAMES[which]

@@ -93,20 +93,18 @@ def frame_data(kind: str, text: str, parsed: Value) -> tuple[str, Frame, Problem
     problem = None
     head = [_word(item) for item in parsed] if is_list(parsed) else []
     if kind == "tooldata":
-        poses = parsed[1:2] if head else []
-        if head and head[0] == "FALSE":
-            problem = Problem("refuse", f"tool {text} does not stand on the robot: tool and workobject change roles")
+        poses, held = parsed[1:2] if head else [], head[:1] == ["FALSE"]
     else:
-        poses = parsed[3:5] if head else []
-        if head and head[0] == "TRUE":
-            problem = Problem("refuse", f"the robot holds workobject {text}: tool and workobject change roles")
-        elif len(head) > 2 and (head[1] == "FALSE" or head[2].strip('"')):
+        poses, held = parsed[3:5] if head else [], head[:1] == ["TRUE"]
+        if len(head) > 2 and (head[1] == "FALSE" or head[2].strip('"')):
             problem = Problem("refuse", f"workobject {text} is moved by a mechanical unit; it has no model")
+    if head and head[0] not in ("TRUE", "FALSE"):
+        problem = Problem("refuse", f"whether the robot holds {text} is known at run time only")
     wanted = 1 if kind == "tooldata" else 2
     tfs = [_pose(pose) for pose in poses]
     known = len(tfs) == wanted and all(tf is not None for tf in tfs)
     tf = functools.reduce(np.matmul, [tf for tf in tfs if tf is not None]).tobytes() if known else None
-    return kind, Frame(text, text, tf), problem
+    return kind, Frame(text, text, tf, stands="tool" if held else ""), problem
 
 
 def _word(item: Value | Token) -> str:
