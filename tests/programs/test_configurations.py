@@ -60,6 +60,20 @@ def program(controller: str, poses: np.ndarray, q: np.ndarray, robot: Any) -> tu
     return ".ls", f"/PROG A\n/MN\n{moves}/POS\n{points}/END\n"
 
 
+def test_a_target_that_the_map_leaves_keeps_its_reason(tmp_path: Path, make_map: Any) -> None:
+    """Nobody asks about the configuration of a target that stays where it is, even on the border of its own."""
+    robot = load_robot(ROBOTS["kuka"])
+    q = np.deg2rad([[10.0, -80.0, 95.0, 0.0, 40.0, 20.0], [5.0, -75.0, 95.0, 30.0, 40.0, 20.0]])
+    ending, text = program("kuka", robot.forward(q), q, robot)
+    path = tmp_path / f"a{ending}"
+    path.write_text(text)
+    for guarded, reason in (({}, "configuration"), ({0: "too far from the samples"}, "too far from the samples")):
+        error_map = make_map((0.0, 0.5, 0.0), guarded=guarded)
+        error_map.robot = robot
+        first = correct_program(path, error_map, frames=FrameTable(), on_guard="skip").to_dict()["targets"][0]
+        assert (first["verdict"], reason in first["reason"]) == ("skip", True)
+
+
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("controller", ROBOTS)
 def test_the_word_stays_or_the_target_is_refused(

@@ -271,6 +271,16 @@ def test_base_by_constant_or_variable(read: Read) -> None:
         assert "is known at run time only" in target.reason
 
 
+def test_nothing_behind_resume_runs(read: Read) -> None:
+    body = (
+        f"DEF cell( )\n{SET}GLOBAL INTERRUPT DECL 3 WHEN $IN[1] DO found( )\nINTERRUPT ON 3\nwork( )\nLIN {OTHER}\nEND\n"
+        f"DEF work( )\nLIN {POSE}\nEND\nDEF found( )\nBRAKE\nRESUME\nLIN {POSE}\nEND\n"
+    )
+    program = read(body)
+    assert [t.verdict for t in program.targets] == ["correct", "correct", "skip"]
+    assert program.targets[2].reason == "the program never reaches this motion"
+
+
 def test_a_fixed_tool_waits_for_the_robot_of_a_map(read: Read) -> None:
     fdat = "{TOOL_NO 3,BASE_NO 1,IPO_FRAME #TCP}"
     target = only(read("LIN XP7", f"DECL E6POS XP7={POSE}\nDECL FDAT FP7={fdat}"))

@@ -139,6 +139,13 @@ def test_where_a_path_crosses_the_planes() -> None:
         crossings(path, read[read[:, 0] < 79.0])
 
 
+def test_readings_that_pause_in_a_plane() -> None:
+    path = np.column_stack([np.linspace(0.0, 100.0, 6), np.zeros(6), np.zeros(6)])
+    read = np.column_stack([np.linspace(-20.0, 120.0, 8), np.full(8, 1.0), np.zeros(8)])
+    paused = read[[0, 1, 2, 3, 3, 3, 4, 5, 6, 7]]  # at the plane of the second point
+    np.testing.assert_allclose(crossings(path, paused), crossings(path, read), atol=1e-12)
+
+
 def test_a_circle_is_passed_on_the_right_side() -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 25)
     circle = 50.0 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(25)])
