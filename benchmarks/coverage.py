@@ -12,6 +12,8 @@ from typing import Any, Final, NamedTuple
 from tests.programs.backups import small
 from tests.programs.backups.test_makers import CORPORA
 from tests.programs.joint_arms import Sagging
+from tests.programs.typical import FRAMES as TYPICAL_FRAMES
+from tests.programs.typical import TYPICAL, Typical
 
 from benchmarks.held_out import Page
 from truepose.errors import RefusedError
@@ -144,6 +146,17 @@ def report(path: Path | None, *, quick: bool = False) -> None:
     page.head(["backup", *columns])
     for maker, shares in found.items():
         page.row(_name(maker), *(shares[column].joint for column in columns))
+    page.say("## What is typical of controllers in plants")
+    page.say(
+        "The backups above have mostly points that are taught once. Controllers of plants have much more of what only "
+        "the run time knows, and of what moves beside the robot. How much of yours is corrected is the share of each "
+        "kind that it has: `check` counts it. Small programs of our own, each with targets of one kind; Yaskawa's "
+        "pulses are joint targets, which the table above has (their lengths and pulses of a degree come from the "
+        "controller's files: `--controller-kinematics`)."
+    )
+    page.head(["targets", "controller", "by default", "allowed by", "allowed", "with a map"])
+    for kind in TYPICAL[: 2 if quick else None]:
+        page.row(kind.what, kind.controller, *_of_kind(kind))
     page.say("## What is left")
     page.say("With all three options; see [](../programs.md) for each language.")
     page.head(["backup", "targets", "reason", "allowed by"])
@@ -162,6 +175,19 @@ def _measured(maker: str) -> tuple[dict[str, Shares], Coverage]:
             shares[name] = readable(read := programs(path, options))
         shares[_MAP] = corrected(read, Sagging(load_robot(MAKERS[maker].arm)))
         return shares, Coverage.of_programs(read)
+
+
+def _of_kind(one: Typical) -> tuple[Share, str, Share, Share]:
+    """Return the shares of the targets of one kind: by default, with the options that allow it, and with a map."""
+    with TemporaryDirectory() as folder:
+        path = one.lay(Path(folder))
+        plain, allowed = (
+            read_programs([path], TYPICAL_FRAMES, ReadOptions(**options)).programs for options in ({}, one.options)
+        )
+        error_map = Sagging(load_robot(MAKERS[one.controller].arm))
+        shares = [readable(plain), readable(allowed), corrected(allowed, error_map)]
+    by_default, with_option, with_map = (share.cartesian for share in shares)
+    return by_default, f"`{one.option}`" if one.option else "–", with_option, with_map
 
 
 def _name(maker: str) -> str:

@@ -273,8 +273,8 @@ def test_base_by_constant_or_variable(read: Read) -> None:
 
 def test_nothing_behind_resume_runs(read: Read) -> None:
     body = (
-        f"DEF cell( )\n{SET}GLOBAL INTERRUPT DECL 3 WHEN $IN[1] DO found( )\nINTERRUPT ON 3\nwork( )\nLIN {OTHER}\nEND\n"
-        f"DEF work( )\nLIN {POSE}\nEND\nDEF found( )\nBRAKE\nRESUME\nLIN {POSE}\nEND\n"
+        f"DEF cell( )\n{SET}GLOBAL INTERRUPT DECL 3 WHEN $IN[1] DO found( )\nINTERRUPT ON 3\n"
+        f"work( )\nLIN {OTHER}\nEND\nDEF work( )\nLIN {POSE}\nEND\nDEF found( )\nBRAKE\nRESUME\nLIN {POSE}\nEND\n"
     )
     program = read(body)
     assert [t.verdict for t in program.targets] == ["correct", "correct", "skip"]

@@ -109,6 +109,8 @@ def _task(backup: Backup, task: BackupTask, frames: FrameTable, options: ReadOpt
 
 def _problem(backup: Backup, task: BackupTask, robot: AbbRobot | None, options: ReadOptions) -> str:
     """Return why no target of a task is corrected; empty if nothing is against it."""
+    if backup.robots_unknown:
+        return f"{backup.robots_unknown}; correct that file, or copy it from the controller again"
     if len(backup.robots) > 1:
         names = ", ".join(f"{one.name} ({_tasks_of(backup, one)})" for one in backup.robots)
         if not options.mechanical_unit:

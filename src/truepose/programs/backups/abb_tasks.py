@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import ClassVar, Final, TypeVar
 
 from truepose._io.files import read_bytes
 from truepose.errors import FileError
@@ -74,6 +74,9 @@ class BackupTask:
     robot: AbbRobot | None = None
 
 
+_Read = TypeVar("_Read")
+
+
 class Backup:
     """The files of one controller.
 
@@ -96,13 +99,14 @@ class Backup:
     Raises
     ------
     FileError
-        If backinfo.txt or a configuration file is broken, or there are two of one name.
+        If there are two files of one name. A configuration file that is broken is among the warnings.
     """
 
     def __init__(self, root: Path, files: Sequence[Path]) -> None:
         self.root = root
         self.others: dict[Path, str] = {}
         self.warnings: list[str] = []
+        self._broken: dict[Path, str] = {}
         self._files = [file for file in files if root in file.parents]
         self._by_name: dict[str, Path] = {}
         for file in self._files:
@@ -138,18 +142,34 @@ class Backup:
 
     @cached_property
     def robots(self) -> list[AbbRobot]:
-        """The robots of the controller."""
-        return robots(self.moc) if self.moc else []
+        """The robots of the controller; none where `robots_unknown`."""
+        return self._read(robots, self.moc, "where its robots stand is not known") or []
+
+    @property
+    def robots_unknown(self) -> str:
+        """Why the file with the robots cannot be read; empty where it can."""
+        return "" if self.robots or self.moc not in self._broken else self._broken[self.moc]
 
     @cached_property
     def _information(self) -> BackupInformation | None:
         path = self._by_name.get("BACKINFO/BACKINFO.TXT")
-        return backup_information(path) if path else None
+        return self._read(backup_information, path, "which modules it loads is not known")
 
     @cached_property
     def _configured(self) -> AbbTasks:
         path = self._by_name.get("SYSPAR/SYS.CFG")
-        return configured_tasks(path) if path else AbbTasks({}, [])
+        return self._read(configured_tasks, path, "which robot each task moves is not known") or AbbTasks({}, [])
+
+    def _read(self, reader: Callable[[Path], _Read], path: Path | None, unknown: str) -> _Read | None:
+        """Return what a file of the controller states; None where there is none, or where it is broken."""
+        if path is None:
+            return None
+        try:
+            return reader(path)
+        except FileError as error:
+            self._broken[path] = f"{error}; {unknown}"
+            self.warnings.append(self._broken[path])
+            return None
 
     @cached_property
     def _system(self) -> str:
@@ -174,6 +194,9 @@ class Backup:
             for name in set(modules) - set(names):
                 self.others[modules.pop(name)] = "not loaded"
             self._missing(task, listed, set(names) - set(modules))
+        for path in self._broken:
+            if path.name.upper() == "BACKINFO.TXT":
+                self._unread(task, self._broken[path], hidden=False)
         self._program_lists(task, inside)
         self._take(task, modules, hidden)
         return task
