@@ -1,6 +1,7 @@
 """Each command as its user runs it."""
 
 import csv
+import json
 import re
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import numpy as np
 import openpyxl
 import pytest
 import typer
+from tests.report.test_headline import verified
 
 import truepose as tp
 from truepose.cli import app
@@ -254,6 +256,17 @@ def test_joint_wise_similarity(run, cell_files, tmp_path):
         assert one["semivariance_mrad2"][0] == one["found_mrad2"][0] == 0
         assert one["semivariance_mrad2"][-1] <= one["std_mrad"] ** 2 * (1 + 1e-9)
     assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("decision", "code"), [("fail", 1), ("not assessed", 0), ("pass", 0)])
+def test_a_report_tells_its_decision_and_exits_with_1_on_fail(run, cell_files, tmp_path, decision, code):
+    path = tmp_path / "verification.json"
+    path.write_text(json.dumps(verified(decision).to_dict()))
+    command = ("report", cell_files.map, "--verification", path, "--force", "--out", tmp_path / "report.html")
+    done = run(*command, "--json")
+    assert (done.code, done.json["decision"], done.json["tolerances_mm"]) == (code, decision, [0.2])
+    done = run(*command)
+    assert (done.code, f"{decision.upper()}: the worst of" in done.out) == (code, True)
 
 
 @pytest.mark.exhaustive

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 import truepose as tp
 from truepose.cell.sections import Correction
 from truepose.geometry import apply_transform
+from truepose.programs import read_program
 from truepose.samples import Samples, write_samples
 from truepose.trackers import Readings, write_readings
 from truepose.verification import conformity
@@ -86,7 +87,7 @@ def test_decisions_follow_the_rule(proof):
     assert [t.decision for t in found.targets][:4] == ["pass", "pass", "undecided", "fail"]
     assert found.decision == "fail"
     assert found.counts == {"pass": 6, "undecided": 1, "fail": 1}
-    assert found.sentences()[0] == "FAIL: 6 of 8 measured targets pass, 1 undecided, 1 fail."
+    assert found.sentences()[0] == "FAIL: all 8 targets were measured; 6 pass, 1 undecided, 1 fail."
     assert "ISO 14253-1" in " ".join(found.sentences())
     assert "FAIL" in repr(found)
 
@@ -114,6 +115,33 @@ def test_repeats_are_averaged_and_missing_targets_named(proof):
     assert [t.readings for t in found.targets] == [4, 1]
     assert [t.uncertainty_mm for t in found.targets] == pytest.approx([0.02, 0.04])
     assert found.unmeasured == tuple(f"p{k}" for k in range(2, N))
+    assert found.decision == "not assessed"
+    assert found.sentences()[0] == f"NOT ASSESSED: 2 of {N} targets were measured; 2 pass, 0 undecided, 0 fail."
+    assert f"Not measured: {', '.join(found.unmeasured)}." in found.sentences()
+    far = proof.readings(along_x(3.0, *[0.0] * (N - 1)))[np.array([0, 1])]
+    assert tp.verify_program(proof.error_map, proof.corrected, far, tolerance_mm=1.0).decision == "fail"
+
+
+@pytest.mark.parametrize("program", ["original", "corrected"])
+@pytest.mark.parametrize("run", ["original", "corrected"])
+def test_readings_of_another_run_are_named(proof, program, run):
+    """The errors of a run without correction are those that the map predicts, those of a corrected run are small."""
+    small = np.random.default_rng(2).normal(0.0, 0.01, (N, 3))
+    poses = read_program(proof.original).poses_base()
+    predicted = proof.error_map.correct(poses, on_guard="skip", accept_weak_map=True).e
+    error = small + (predicted if run == "original" else 0.0)
+    found = tp.verify_program(proof.error_map, getattr(proof, program), proof.readings(error), tolerance_mm=5.0)
+    assert found.run == ("" if run == program else run)
+    assert found.decision == ("pass" if run == program else "not assessed")
+    said = "The readings are those of a corrected run" if run == "corrected" else "of a run without correction"
+    assert any(said in text for text in found.sentences()) == (run != program)
+
+
+def test_a_run_is_not_judged_where_the_map_changes_little(proof):
+    """Errors that neither run explains are those of the robot, and not of another run."""
+    error = np.random.default_rng(3).normal(0.0, 1.0, (N, 3))
+    for program in (proof.original, proof.corrected):
+        assert tp.verify_program(proof.error_map, program, proof.readings(error), tolerance_mm=5.0).run == ""
 
 
 def test_a_moved_tracker_is_registered_again(proof):
@@ -211,7 +239,7 @@ def test_command_writes_csv_and_json_and_exits_with_1_if_a_target_fails(proof, r
     command = ("verify", proof.map_path, proof.corrected, path, "--tolerance", "0.25")
     done = run(*command, "--out", tmp_path / "proof.csv")
     assert done.code == 1
-    assert "FAIL: 7 of 8 measured targets pass" in done.out
+    assert "FAIL: all 8 targets were measured; 7 pass" in done.out
     assert max(map(len, done.out.splitlines()[:14])) <= 80
     rows = list(csv.DictReader(io.StringIO((tmp_path / "proof.csv").read_text())))
     assert [row["decision"] for row in rows] == ["pass", "fail", *["pass"] * (N - 2)]

@@ -123,7 +123,7 @@ def test_without_held_out_poses_the_report_says_so(error_map, study, no_figures)
     made = document(gather(error_map, study=study), EN)
     warned = [text.text for text in made.lead if text.warns]
     assert "leave-one-out" in warned[0]
-    assert made.tiles[0] == ("not assessed", "no tolerance stated")
+    assert made.tiles[0] == ("NOT ASSESSED", "no tolerance stated")
     assert made.tiles[-1] == ("60", "poses, leave-one-out")
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 
 import pytest
@@ -11,7 +13,7 @@ from truepose.errors import FileError
 from truepose.programs import ProgramVerification, VerifiedTarget
 from truepose.report.document import Picture, Table
 from truepose.report.locale import LOCALES, load_locale
-from truepose.report.verification import read_verification, section
+from truepose.report.verification import attachment, read_verification, section
 
 HASH = "c" * 64
 
@@ -51,7 +53,7 @@ def test_section_has_the_decision_a_picture_and_the_table(locale):
     assert first.warns
     assert say.number(0.31, ".3f") in first.text
     table = next(block for block in made.blocks if isinstance(block, Table))
-    assert [row[-1] for row in table.rows[-2:]] == [say("conformity.undecided"), say("conformity.fail")]
+    assert [row[-1] for row in table.rows] == [say("conformity.fail"), say("conformity.undecided")]
     assert sum(isinstance(block, Picture) for block in made.blocks) == 1
     assert say("conformity.title") in made.blocks[-1].text
 
@@ -66,14 +68,30 @@ def test_what_weakens_the_proof_is_a_warning():
     warnings = [block.text for block in section([one], HASH, say).blocks if getattr(block, "warns", False)]
     for key in ("registered", "original", "other_map"):
         assert say(f"verification.{key}") in warnings
-    assert say("verification.unmeasured", n=1) in warnings
+    assert say("verification.unmeasured", n=1, names="P9") in warnings
 
 
-def test_long_tables_show_failures_first():
-    made = section([verification(100)], HASH, load_locale("en"))
-    table = next(block for block in made.blocks if isinstance(block, Table))
-    assert [row[-1] for row in table.rows[:3]] == ["FAIL", "UNDECIDED", "PASS"]
-    assert any("60 of 100 targets are shown" in getattr(block, "text", "") for block in made.blocks)
+def test_targets_that_do_not_pass_are_shown_and_all_are_attached():
+    say = load_locale("en")
+    one = verification(100)
+    table = next(block for block in section([one], HASH, say).blocks if isinstance(block, Table))
+    assert [row[-1] for row in table.rows] == ["FAIL", "UNDECIDED"]
+    (attached,) = attachment([one, verification(8)], say)
+    rows = list(csv.DictReader(io.StringIO(attached.text)))
+    assert (len(rows), {row["program"] for row in rows}) == (108, {one.program})
+    assert sum(row["decision"] == "fail" for row in rows) == 2
+
+
+@pytest.mark.parametrize("run", ["corrected", "original"])
+def test_readings_of_another_run_are_a_warning(run):
+    say = load_locale("en")
+    warnings = [
+        block.text
+        for block in section([verification(run=run, record="")], HASH, say).blocks
+        if getattr(block, "warns", False)
+    ]
+    assert say(f"verification.run_{run}") in warnings
+    assert say("verification.original") not in warnings
 
 
 def test_no_verification_gives_no_section():

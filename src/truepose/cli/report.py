@@ -38,7 +38,12 @@ def report(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Write a report for signature: conformity, accuracy, similarity, model, maps, corrected programs, provenance."""
+    """Write a report for signature: conformity, accuracy, similarity, model, maps, corrected programs, provenance.
+
+    It exits with 1 where the decision at its head is FAIL.
+    """
+    from dataclasses import asdict
+
     from truepose.cell import load_cell
     from truepose.error_map import load_map
     from truepose.error_map.figures import facts_data
@@ -52,7 +57,7 @@ def report(
         held_out = None if test is None else read_samples(test)
         cell = None if cell_path is None else load_cell(cell_path)
         progress("Writing the report")
-        write_report(
+        decided = write_report(
             error_map,
             out,
             held_out,
@@ -66,10 +71,12 @@ def report(
         if record is not None and row is not None and entry is not None:
             record_report(record, out, row, entry.head)
     if as_json:
-        emit_json({"report": out, "facts": facts_data(error_map)})
+        emit_json({"report": out, **asdict(decided), "facts": facts_data(error_map)})
     else:
         show_facts(error_map.facts)
-        say(f"Wrote {out}.")
+        say(f"{decided.decision.upper()}: the worst of held-out poses and verified programs.", f"Wrote {out}.")
+    if decided.decision == "fail":
+        raise typer.Exit(1)
 
 
 def _records(path: Path) -> list[Path]:

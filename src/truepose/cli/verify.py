@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from truepose.programs import ProgramVerification
 
 _LISTED = 60  # targets that are shown one by one
-_COLOURS = {"pass": "green", "undecided": "yellow", "fail": "red"}
+_COLOURS = {"pass": "green", "not assessed": "yellow", "undecided": "yellow", "fail": "red"}
 _READING, _MEASUREMENT = Reading(), Measurement()
 
 
@@ -65,7 +65,10 @@ def verify(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Compare re-measured targets of a corrected program with nominal ones; exit with 1 if one fails the tolerance."""
+    """Compare re-measured targets of a corrected program with nominal ones.
+
+    It exits with 1 if a target fails the tolerance, or if the readings are those of another run.
+    """
     import json
 
     from truepose._io.files import write_atomic
@@ -107,7 +110,7 @@ def verify(
         show_facts(error_map.facts)
         if out is not None:
             say(f"Wrote {out}.")
-    if found.decision == "fail":
+    if found.decision == "fail" or found.run:
         raise typer.Exit(1)
 
 

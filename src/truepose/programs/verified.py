@@ -7,14 +7,15 @@ import io
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 
 from truepose._io.delimited import escaped
 from truepose._version import version
-from truepose.verification.conformity import CONFORMITIES, RULE, Conformity, overall
+from truepose.verification.conformity import CONFORMITIES, RULE, Assessment, Conformity, overall
 
+Run = Literal["", "original", "corrected"]
 FORMAT: Final = "truepose verification"
 SCHEMA: Final = 1
 _STATION: Final = {
@@ -24,6 +25,17 @@ _STATION: Final = {
         "wrong base, is not seen."
     ),
 }
+_RUN: Final = {
+    "corrected": (
+        "The readings are those of a corrected run, and the program is an original: name the corrected program, with "
+        "its record beside it."
+    ),
+    "original": (
+        "The readings are those of a run without correction, and the program is corrected: the robot ran the original, "
+        "or the readings are older; measure the corrected run, or give these with --before."
+    ),
+}
+"""What is wrong where the readings are those of another run."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +109,9 @@ class ProgramVerification:
         The number of targets whose position or frame is not known.
     notes : tuple of str
         Further sentences.
+    run : {"", "original", "corrected"}
+        Of which run the readings are, where they are not those of the program: of the original one, or of the corrected
+        one.
     """
 
     program: str
@@ -112,11 +127,16 @@ class ProgramVerification:
     unmeasured: tuple[str, ...]
     unknown: int
     notes: tuple[str, ...] = ()
+    run: Run = ""
 
     @property
-    def decision(self) -> Conformity:
-        """The worst decision on a measured target."""
-        return overall([target.decision for target in self.targets])
+    def decision(self) -> Assessment:
+        """The worst decision on a measured target; where these pass and others were not measured, ``not assessed``.
+
+        So it is where the readings are those of another run (`run`).
+        """
+        whole: list[Assessment] = ["not assessed"] if self.unmeasured or self.run else []
+        return overall([*whole, *(target.decision for target in self.targets)])
 
     @property
     def counts(self) -> dict[str, int]:
@@ -134,7 +154,9 @@ class ProgramVerification:
     def sentences(self) -> list[str]:
         """Return the result in sentences."""
         count, after = self.counts, self.figures["after"]
-        decided = f"{count['pass']} of {len(self.targets)} measured targets pass"
+        n = len(self.targets)
+        measured = f"all {n}" if not self.unmeasured else f"{n} of {n + len(self.unmeasured)}"
+        decided = f"{measured} targets were measured; {count['pass']} pass"
         size = f"mean {after['mean_mm']:.3f} mm, maximum {after['max_mm']:.3f} mm"
         said = [
             f"{self.decision.upper()}: {decided}, {count['undecided']} undecided, {count['fail']} fail.",
@@ -145,12 +167,12 @@ class ProgramVerification:
                 f"Before correction ({self.before}, {before['n']} targets): mean {before['mean_mm']:.3f} mm, "
                 f"maximum {before['max_mm']:.3f} mm."
             )
-        if not self.record:
+        if self.run:
+            said.append(_RUN[self.run])
+        elif not self.record:
             said.append("This is an original program: the errors are those before a correction.")
         if self.unmeasured:
-            shown = ", ".join(self.unmeasured[:6])
-            more = f" and {len(self.unmeasured) - 6} more" if len(self.unmeasured) > 6 else ""
-            said.append(f"Not measured: {len(self.unmeasured)} targets ({shown}{more}).")
+            said.append(f"Not measured: {', '.join(self.unmeasured)}.")
         if self.unknown:
             said.append(f"Not verifiable, because position or frame is not known: {self.unknown} targets.")
         said += [RULE, _STATION[self.station]]

@@ -17,9 +17,10 @@ from truepose.programs.core.held_parts import with_held_parts
 from truepose.programs.core.program import Program, ReadOptions
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.nominal import NominalTargets, nominal_targets
+from truepose.programs.other_run import other_run
 from truepose.programs.reading import read_program
 from truepose.programs.remeasured import MatchBy, Remeasured, remeasured
-from truepose.programs.verified import ProgramVerification, VerifiedTarget
+from truepose.programs.verified import ProgramVerification, Run, VerifiedTarget
 from truepose.trackers import Columns, Readings, read_readings
 from truepose.verification.conformity import COVERAGE_FACTOR, conformity
 
@@ -118,7 +119,8 @@ def verify_program(
         earlier[first.target] = first.p_base - task.p[first.target]
     elif nominal.record is None:
         kind = ""
-    return _result(task, program, measured, _Statement(tolerance, origin, kind, earlier, _source(readings)))
+    run: Run = "" if register else other_run(nominal, measured, task.p, error_map)
+    return _result(task, program, measured, _Statement(tolerance, origin, kind, earlier, _source(readings), run))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +132,7 @@ class _Statement:
     before: str
     earlier: FloatArray
     source: str
+    run: Run
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,6 +237,7 @@ def _result(task: _Task, program: Program, measured: Remeasured, stated: _Statem
         unmeasured=tuple(nominal.targets[k].name for k in missing.tolist()),
         unknown=nominal.unknown,
         notes=tuple(_notes(task, measured)),
+        run=stated.run,
     )
 
 

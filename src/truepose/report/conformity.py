@@ -15,12 +15,12 @@ from truepose.report.evidence import Evidence
 from truepose.report.identity import facts
 from truepose.report.locale import MISSING, Locale
 from truepose.verification import RP_PER_STD
-from truepose.verification.conformity import CONFORMITIES, COVERAGE_FACTOR, Conformity, conformity, overall
+from truepose.verification.conformity import CONFORMITIES, COVERAGE_FACTOR, Assessment, Conformity, conformity, overall
 
 _STATES: Final = ("before", "after")
 
 
-def decision(evidence: Evidence) -> Conformity | None:
+def decision(evidence: Evidence) -> Assessment | None:
     """Return the decision on the evaluated poses after correction.
 
     None means that nothing can be decided: there is no tolerance, the uncertainty of a reading is not known, or the
@@ -28,13 +28,6 @@ def decision(evidence: Evidence) -> Conformity | None:
     """
     held_out = evidence.held_out is not None and not evidence.accuracy["seen"]
     return overall(_decisions(evidence, evidence.after)) if held_out and _decidable(evidence) else None
-
-
-def tile(evidence: Evidence, say: Locale) -> tuple[str, str]:
-    """Return the decision and the tolerance, for the head of the report."""
-    found, tolerance = decision(evidence), evidence.cell.tolerance_mm
-    caption = say("conformity.tile_none") if tolerance is None else say("conformity.tile", tolerance=tolerance)
-    return say(f"conformity.{found or 'none'}"), caption
 
 
 def section(evidence: Evidence, say: Locale) -> Section:

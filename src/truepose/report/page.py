@@ -21,6 +21,7 @@ from truepose.programs import ProgramVerification
 from truepose.report import fonts
 from truepose.report.document import Document, View
 from truepose.report.evidence import Evidence, StoreEntry, gather
+from truepose.report.headline import Headline, headline
 from truepose.report.locale import load_locale
 from truepose.report.plots.palette import COLOURS, DARK, LIGHT
 from truepose.report.sections import document
@@ -46,8 +47,8 @@ def write_report(
     date: datetime | None = None,
     interactive: bool = False,
     store: StoreEntry | None = None,
-) -> None:
-    """Write a report about an error map to one file; a failure leaves the old file unchanged.
+) -> Headline:
+    """Write a report about an error map to one file, and return its decision; a failure leaves the old file unchanged.
 
     Parameters
     ----------
@@ -75,6 +76,11 @@ def write_report(
         Whether a page contains a view of the errors and the arm that can be turned; not for a PDF.
     store : StoreEntry, optional
         The state of the map and the head of the audit trail in the store that the report is made with.
+
+    Returns
+    -------
+    Headline
+        The decision at the head of the report: the worst of those on held-out poses and on verified programs.
 
     Raises
     ------
@@ -113,6 +119,7 @@ def write_report(
     )
     made = document(evidence, say, interactive=interactive)
     files.write_atomic(path, to_pdf(made, evidence.date, path) if ending == ".pdf" else to_html(made))
+    return headline(evidence)
 
 
 def to_html(made: Document) -> str:

@@ -20,10 +20,6 @@ from truepose.programs.record import DRAFT
 from truepose.report.document import Attachment, Block, Section, Table, Text
 from truepose.report.locale import MISSING, Locale
 
-_SHOWN: Final = 60
-"""The number of targets of all programs that are listed one by one; the attached table contains all."""
-_FEWEST: Final = 2
-"""The number of targets of each of the first programs that are listed at least."""
 _NAMED: Final = 6
 """The number of programs that a sentence names."""
 HASHES: Final = "hashes.csv"
@@ -171,7 +167,9 @@ def section(records: Sequence[Record], map_hash: str, say: Locale) -> Section:
     if len(records) > 1:
         rows.append(_total(records, say))
     blocks: list[Block] = _warnings(records, map_hash, say)
-    blocks += [Table(columns, rows), *_reasons(records, say), *_limits(records, say), *_targets(records, say)]
+    n = sum(len(record.targets) for record in records)
+    attached = Text(say("programs.all_targets", n=n, table=TABLE))
+    blocks += [Table(columns, rows), attached, *_reasons(records, say), *_limits(records, say)]
     return Section(title, blocks)
 
 
@@ -268,32 +266,6 @@ def _limits(records: Sequence[Record], say: Locale) -> list[Block]:
         ]
         blocks += [Text(say("programs.limits", program=_names(some, say))), Table(columns, rows, left=3)]
     return blocks
-
-
-def _targets(records: Sequence[Record], say: Locale) -> list[Block]:
-    """Return the table of the first corrected targets of each program."""
-    each = max(_SHOWN // len(records), _FEWEST)
-    shown = [target for record in records for target in [t for t in record.targets if t.touched][:each]][:_SHOWN]
-    if not shown:
-        return []
-    words = [say(f"programs.column_{key}") for key in ("target", "where")]
-    columns = [*words, "x [mm]", "y [mm]", "z [mm]", "Δx [mm]", "Δy [mm]", "Δz [mm]", say("accuracy.column_std")]
-    rows = [
-        [
-            target.name,
-            target.where,
-            *(say.number(v, ".3f") for v in target.before_mm),
-            *(say.number(v, "+.3f") for v in target.correction_mm),
-            say.number(target.std_mm, ".3f"),
-        ]
-        for target in shown
-    ]
-    n = sum(len(record.targets) for record in records)
-    return [
-        Text(say("programs.targets")),
-        Table(columns, rows, left=2),
-        Text(say("programs.targets_more", shown=len(shown), n=n, table=TABLE)),
-    ]
 
 
 def _file_name(path: str) -> str:

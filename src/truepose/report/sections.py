@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from truepose._version import version
 from truepose.error_map.judgement import reflector
 from truepose.geometry import ANGLES, euler
-from truepose.report import conformity, identity, records, scene, verification
+from truepose.report import conformity, headline, identity, records, scene, verification
 from truepose.report.arm import rods
 from truepose.report.document import Attachment, Block, Document, Facts, Picture, Section, Signatures, Table, Text
 from truepose.report.evidence import SEED, Evidence
@@ -36,7 +36,9 @@ def document(evidence: Evidence, say: Locale, *, interactive: bool = False) -> D
     error_map = evidence.error_map
     verified = verification.section(evidence.verifications, error_map.hash, say)
     logo, warned = identity.logo(evidence, say)
+    decided = headline.headline(evidence)
     sections = [
+        headline.section(evidence, decided, say),
         identity.section(evidence, say),
         conformity.section(evidence, say),
         _accuracy(evidence, say),
@@ -60,11 +62,15 @@ def document(evidence: Evidence, say: Locale, *, interactive: bool = False) -> D
         stamp=say("report.stamp", date=_date(evidence), hash=error_map.hash[:_HASH], version=version()),
         page=say("report.page"),
         attached=say("report.attached"),
-        tiles=_tiles(evidence, say),
+        tiles=[headline.tile(decided, say), *_tiles(evidence, say)],
         lead=[*_lead(evidence, say), *warned, *_missing(sections, say)],
         sections=sections,
         logo=logo,
-        attachments=[_poses(evidence, say), *records.attachment(evidence.records, say)],
+        attachments=[
+            _poses(evidence, say),
+            *records.attachment(evidence.records, say),
+            *verification.attachment(evidence.verifications, say),
+        ],
     )
 
 
@@ -91,7 +97,6 @@ def _tiles(evidence: Evidence, say: Locale) -> list[tuple[str, str]]:
         key: say("report.change", before=before[f"{key}_mm"], after=after[f"{key}_mm"]) for key in ("mean", "max")
     }
     return [
-        conformity.tile(evidence, say),
         (change["mean"], say("report.tile_mean")),
         (change["max"], say("report.tile_max")),
         (say("report.percent", share=found["reduction_mean_percent"]), say("report.tile_reduction")),

@@ -9,13 +9,16 @@ from typing import Final
 from pydantic import TypeAdapter, ValidationError
 
 from truepose._io import files
+from truepose._io.delimited import escaped
 from truepose.errors import FileError
 from truepose.programs import ProgramVerification
-from truepose.report.document import Block, Picture, Section, Table, Text
+from truepose.report.document import Attachment, Block, Picture, Section, Table, Text
 from truepose.report.locale import Locale
 
-_SHOWN: Final = 60
-"""The largest number of targets that are listed one by one."""
+_SHOWN: Final = 20
+"""The largest number of targets that are listed one by one: those that do not pass. The attached table has all."""
+TABLE: Final = "verified.csv"
+"""The name of the attached table."""
 _ADAPTER: Final = TypeAdapter(ProgramVerification)
 
 
@@ -79,27 +82,41 @@ def _program(one: ProgramVerification, map_hash: str, say: Locale) -> list[Block
         figures = {"mean": float(before["mean_mm"]), "largest": float(before["max_mm"]), "n": before["n"]}
         blocks.append(Text(say(f"verification.before_{one.before}", **figures)))
     for condition, key in (
-        (not one.record, "original"),
+        (not one.record and not one.run, "original"),
         (one.map_sha256 != map_hash, "other_map"),
         (one.station == "registered", "registered"),
         (bool(one.unmeasured), "unmeasured"),
         (bool(one.unknown), "unknown"),
+        (bool(one.run), f"run_{one.run}"),
     ):
         if condition:
             n = len(one.unmeasured) if key == "unmeasured" else one.unknown
-            blocks.append(Text(say(f"verification.{key}", n=n), warns=True))
+            names = say("finding.list").join(one.unmeasured)
+            blocks.append(Text(say(f"verification.{key}", n=n, names=names), warns=True))
     station = say("verification.station", std=one.station_std_mm, readings=Path(one.readings).name)
     picture = Picture(target_errors(one, say), say("verification.caption", program=name))
     return [*blocks, Text(station), picture, *_table(one, say)]
 
 
+def attachment(found: Sequence[ProgramVerification], say: Locale) -> list[Attachment]:
+    """Return the table of all measured targets as CSV, to attach; none without verifications."""
+    rows = [line for one in found for line in _prefixed(one)]
+    if not found:
+        return []
+    head = "program," + found[0].to_csv().splitlines()[0]
+    return [Attachment(TABLE, say("verification.attached"), "\n".join([head, *rows]) + "\n")]
+
+
+def _prefixed(one: ProgramVerification) -> list[str]:
+    return [f"{escaped(one.program)},{line}" for line in one.to_csv().splitlines()[1:]]
+
+
 def _table(one: ProgramVerification, say: Locale) -> list[Block]:
-    """Return the table of targets; of a long one, the targets that do not pass first."""
-    shown = list(one.targets)
-    more: list[Block] = []
-    if len(shown) > _SHOWN:
-        shown = sorted(shown, key=lambda t: (t.decision == "pass", -t.error_mm))[:_SHOWN]
-        more = [Text(say("verification.more", shown=_SHOWN, n=len(one.targets)))]
+    """Return the table of the targets that do not pass."""
+    left = sorted((t for t in one.targets if t.decision != "pass"), key=lambda t: -t.error_mm)
+    more = [Text(say("verification.all_targets", shown=min(len(left), _SHOWN), n=len(left), table=TABLE))]
+    if not left:
+        return [*more]
     words = [say(f"verification.column_{key}") for key in ("target", "line", "before", "error", "uncertainty")]
     rows = [
         [
@@ -110,6 +127,6 @@ def _table(one: ProgramVerification, say: Locale) -> list[Block]:
             say.number(target.uncertainty_mm, ".3f"),
             say(f"conformity.{target.decision}"),
         ]
-        for target in shown
+        for target in left[:_SHOWN]
     ]
     return [Table([*words, say("verification.column_decision")], rows, last_left=1), *more]

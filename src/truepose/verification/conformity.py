@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final, Literal, get_args
 
 import numpy as np
@@ -10,8 +11,12 @@ from numpy.typing import ArrayLike
 from truepose.errors import DataError
 
 Conformity = Literal["pass", "undecided", "fail"]
+Assessment = Literal["pass", "not assessed", "undecided", "fail"]
+"""The decision on several errors: ``not assessed`` where those that were measured pass, and others were not."""
 
 CONFORMITIES: Final[tuple[Conformity, ...]] = get_args(Conformity)
+ASSESSMENTS: Final[tuple[Assessment, ...]] = get_args(Assessment)
+"""From the best to the worst."""
 COVERAGE_FACTOR: Final = 2.0
 """The factor k from a standard uncertainty to an expanded one."""
 RULE: Final = (
@@ -60,6 +65,6 @@ def conformity(error: ArrayLike, expanded: ArrayLike, tolerance: float) -> list[
     return [CONFORMITIES[k] for k in place.tolist()]
 
 
-def overall(decisions: list[Conformity]) -> Conformity:
-    """Return the worst of the decisions; undecided if there is none."""
-    return max(decisions, key=CONFORMITIES.index, default="undecided")
+def overall(decisions: Iterable[Assessment]) -> Assessment:
+    """Return the worst of the decisions; ``not assessed`` if there is none."""
+    return max(decisions, key=ASSESSMENTS.index, default="not assessed")

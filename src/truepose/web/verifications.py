@@ -15,6 +15,7 @@ from truepose.jobs import Job
 from truepose.programs import ProgramVerification
 from truepose.programs.record import head_of
 from truepose.report.verification import read_verification
+from truepose.verification.conformity import Assessment
 from truepose.web.problems import WebError, missing
 from truepose.web.uploads import MB
 from truepose.web.workspace import CellFolder, InCell, InJobs, InWorkspace, StoredFile, Workspace
@@ -45,7 +46,7 @@ class VerificationEntry(BaseModel):
     program: str = ""
     readings: str = ""
     map: str | None = None
-    decision: Literal["pass", "undecided", "fail"] | None = None
+    decision: Assessment | None = None
     passed: int = 0
     undecided: int = 0
     failed: int = 0

@@ -1,5 +1,7 @@
 /** What `truepose verify --json` prints, as far as the page shows it. */
 export type DecisionKind = 'pass' | 'undecided' | 'fail'
+/** Of a whole program: targets that were measured pass, and others were not measured. */
+export type Assessment = DecisionKind | 'not assessed'
 
 export interface VerifiedTarget {
   name: string
@@ -22,7 +24,7 @@ export interface Figures {
 }
 
 export interface ProgramVerification {
-  decision: DecisionKind
+  decision: Assessment
   counts: Record<DecisionKind, number>
   figures: { before?: Figures; after: Figures }
   rule: string
@@ -33,4 +35,6 @@ export interface ProgramVerification {
   station: string
   before: '' | 'measured' | 'predicted'
   targets: VerifiedTarget[]
+  unmeasured: string[]
+  run: '' | 'original' | 'corrected'
 }
