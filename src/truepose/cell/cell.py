@@ -31,6 +31,7 @@ from truepose.cell.sections import (
     RobotSection,
     Tool,
     Tracker,
+    UncertaintySection,
 )
 from truepose.cell.text import CellProblem, problems_of, tables
 from truepose.cell.world_height import check_world_height
@@ -83,6 +84,7 @@ class Cell(CellSection):
     measuring: Measuring = Field(default_factory=Measuring)
     correction: Correction = Field(default_factory=Correction)
     report: ReportSection = Field(default_factory=ReportSection)
+    uncertainty: UncertaintySection = Field(default_factory=UncertaintySection)
 
     _folder: Path = PrivateAttr(default=Path())
     _controller: str | None = PrivateAttr(default=None)

@@ -123,6 +123,20 @@ class Tracker(Pose):
         return std
 
 
+class UncertaintySection(CellSection):
+    """``[uncertainty]``: contributions to the uncertainty of a verified target that no file of readings has.
+
+    ``reflector_mm`` is how far the centre of the reflector may lie from that of its nest, ``temperature_K`` how far
+    the arm may be from the temperature of the samples (both limits), ``tool_mm`` the standard uncertainty of the
+    reflector's place relative to the tool of programs. ``expansion_um_per_m_K`` is the arm's expansion.
+    """
+
+    reflector_mm: NotNegative | None = None
+    tool_mm: NotNegative | None = None
+    temperature_K: NotNegative | None = None  # noqa: N815 - kelvin, as in the cell file
+    expansion_um_per_m_K: NotNegative = 12.0  # noqa: N815
+
+
 class Payload(CellSection):
     """``[payload]``: mass, and centre of mass in the flange frame, of samples that state none and at work."""
 

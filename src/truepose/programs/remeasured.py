@@ -43,6 +43,10 @@ class Remeasured:
         The mean reading in the tracker frame and in the base frame.
     std : (m,) array [mm]
         The standard uncertainty of the mean reading, in the direction where it is largest.
+    std_origin : str
+        Where it is stated.
+    dof : float
+        Its degrees of freedom; without limit where it is stated and not estimated from repeats.
     registration : Registration
         The station of the readings.
     by_name : int
@@ -56,6 +60,8 @@ class Remeasured:
     std: FloatArray
     registration: Registration
     by_name: int
+    std_origin: str = ""
+    dof: float = np.inf
 
 
 def remeasured(
@@ -107,9 +113,9 @@ def remeasured(
     owner = _by_position(readings, named, names, p_nominal, np.unique(place), p_base)
     target, group, count = np.unique(owner, return_inverse=True, return_counts=True)
     p_tracker = np.stack([np.bincount(group, column) for column in readings.p.T], axis=1) / count[:, None]
-    std = _std(readings, group, count, p_tracker, cell, uncertainty_mm)
+    std, origin, dof = _std(readings, group, count, p_tracker, cell, uncertainty_mm)
     p_mean = apply_transform(station.tf_base_tracker, p_tracker)
-    return Remeasured(target, count, p_tracker, p_mean, std, station, int((named >= 0).sum()))
+    return Remeasured(target, count, p_tracker, p_mean, std, station, int((named >= 0).sum()), origin, dof)
 
 
 def _by_name(readings: Readings, names: list[str]) -> IntArray:
@@ -196,24 +202,28 @@ def _std(
     p_tracker: FloatArray,
     cell: Cell,
     stated: float | None,
-) -> FloatArray:
-    """Return the standard uncertainty of mean readings in their worst direction, (m,) [mm]."""
-    single: FloatArray | None = None
+) -> tuple[FloatArray, str, float]:
+    """Return the standard uncertainty of mean readings in their worst direction, (m,) [mm].
+
+    With it come its origin and its degrees of freedom.
+    """
+    single, origin, dof = None, "", np.inf
     if stated is not None:
         if not (np.isfinite(stated) and stated > 0.0):
             raise DataError(f"expected a positive standard uncertainty in mm, got {stated!r}")
-        single = np.full(len(count), stated)
+        single, origin = np.full(len(count), stated), "stated for this verification"
     elif readings.p_std is not None:
         squares = np.bincount(group, readings.p_std.max(axis=1) ** 2) / count
-        single = np.sqrt(squares)
+        single, origin = np.sqrt(squares), "file of readings"
     elif (known := cell.tracker.reading_std(p_tracker)) is not None:
-        single = known.max(axis=1)
+        single, origin = known.max(axis=1), "[tracker]"
     elif (repeats := len(group) - len(count)) >= _REPEATS:
         about = readings.p - p_tracker[group]
         single = np.full(len(count), np.sqrt((about**2).sum(axis=0).max() / repeats))
+        origin, dof = f"{repeats} repeats", float(repeats)
     if single is None:
         raise DataError(
             f"{readings.source}: the uncertainty of the readings is not known; state std_mm (or range_um …) under "
             "[tracker] in the cell file, or give --uncertainty"
         )
-    return np.asarray(single / np.sqrt(count))
+    return np.asarray(single / np.sqrt(count)), origin, dof

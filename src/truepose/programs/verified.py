@@ -13,6 +13,7 @@ import numpy as np
 
 from truepose._io.delimited import escaped
 from truepose._version import version
+from truepose.verification.budget import BudgetLine, words
 from truepose.verification.conformity import CONFORMITIES, RULE, Assessment, Conformity, overall
 
 Run = Literal["", "original", "corrected"]
@@ -57,7 +58,7 @@ class VerifiedTarget:
     error_mm : float [mm]
         The distance between them.
     uncertainty_mm : float [mm]
-        The expanded uncertainty U (k = 2) of the reading.
+        The expanded uncertainty U of the error, see `ProgramVerification.budget`.
     before_mm : float [mm] or None
         The error without correction; see `ProgramVerification.before`.
     readings : int
@@ -98,7 +99,7 @@ class ProgramVerification:
     station : {"map", "registered"}
         Whether the station is that of the map, or was registered again.
     station_std_mm : float [mm]
-        The standard uncertainty of the station at the targets (RMS). It shifts all errors alike; U leaves it out.
+        The standard uncertainty of the station along the errors (RMS). It shifts all of them alike.
     before : {"predicted", "measured", ""}
         Whether the errors before the correction were predicted by the map or measured; empty if there are none.
     targets : tuple of VerifiedTarget
@@ -112,6 +113,11 @@ class ProgramVerification:
     run : {"", "original", "corrected"}
         Of which run the readings are, where they are not those of the program: of the original one, or of the corrected
         one.
+    coverage_factor : float
+        The factor k from a standard uncertainty to U, the largest of the targets.
+    budget : tuple of BudgetLine
+        The contributions to U, also those that are not stated. Files of earlier versions have none: their U is that of
+        the reading alone.
     """
 
     program: str
@@ -128,6 +134,8 @@ class ProgramVerification:
     unknown: int
     notes: tuple[str, ...] = ()
     run: Run = ""
+    coverage_factor: float = 2.0
+    budget: tuple[BudgetLine, ...] = ()
 
     @property
     def decision(self) -> Assessment:
@@ -176,9 +184,11 @@ class ProgramVerification:
         if self.unknown:
             said.append(f"Not verifiable, because position or frame is not known: {self.unknown} targets.")
         said += [RULE, _STATION[self.station]]
-        said.append(
-            f"Standard uncertainty of the station at the targets: {self.station_std_mm:.3f} mm; it is not part of U."
-        )
+        if self.budget:
+            lines = "; ".join(words(line) for line in self.budget)
+            said.append(f"Standard uncertainties along the errors (RMS; k = {self.coverage_factor:.2f}): {lines}.")
+        else:
+            said.append(f"U is that of the reading alone; the station has {self.station_std_mm:.3f} mm beside it.")
         return [*said, *self.notes]
 
     def __repr__(self) -> str:

@@ -12,7 +12,7 @@ from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map import ErrorMap
 from truepose.errors import DataError, RefusedError
-from truepose.geometry.transforms import cross_matrix, invert_transform
+from truepose.geometry.transforms import invert_transform
 from truepose.programs.core.held_parts import with_held_parts
 from truepose.programs.core.program import Program, ReadOptions
 from truepose.programs.frame_table import FrameTable
@@ -21,8 +21,9 @@ from truepose.programs.other_run import other_run
 from truepose.programs.reading import read_program
 from truepose.programs.remeasured import MatchBy, Remeasured, remeasured
 from truepose.programs.verified import ProgramVerification, Run, VerifiedTarget
+from truepose.programs.verified_uncertainty import uncertainty
 from truepose.trackers import Columns, Readings, read_readings
-from truepose.verification.conformity import COVERAGE_FACTOR, conformity
+from truepose.verification.conformity import conformity
 
 _SAME: Final = 1e-6  # [mm; 1] of poses
 _OTHER_POINT_MM: Final = 0.01
@@ -202,7 +203,8 @@ def _result(task: _Task, program: Program, measured: Remeasured, stated: _Statem
     known = np.flatnonzero(row >= 0)
     row = row[known]
     error = np.linalg.norm(measured.p_base[row] - task.p[known], axis=1)
-    expanded = COVERAGE_FACTOR * measured.std[row]
+    found = uncertainty(task.error_map, task.cell, nominal, measured, known, row)
+    expanded = found.expanded
     earlier = np.linalg.norm(stated.earlier[known], axis=1)
     targets = tuple(
         VerifiedTarget(
@@ -231,28 +233,21 @@ def _result(task: _Task, program: Program, measured: Remeasured, stated: _Statem
         tolerance_mm=stated.tolerance,
         tolerance_origin=stated.origin,
         station="registered" if task.register else "map",
-        station_std_mm=_station_std(measured, task.p[measured.target]),
+        station_std_mm=next(line.u_mm or 0.0 for line in found.lines if line.source == "station"),
         before=stated.before,
         targets=targets,
         unmeasured=tuple(nominal.targets[k].name for k in missing.tolist()),
         unknown=nominal.unknown,
         notes=tuple(_notes(task, measured)),
         run=stated.run,
+        coverage_factor=float(found.k.max()),
+        budget=found.lines,
     )
 
 
 def _point(p: FloatArray) -> tuple[float, float, float]:
     x, y, z = np.round(p, 6).tolist()
     return x, y, z
-
-
-def _station_std(measured: Remeasured, p: FloatArray) -> float:
-    """Return the RMS standard uncertainty of points p (m, 3) by that of the station: δp = δt + δω × R p_tracker."""
-    station = measured.registration
-    lever = measured.p_base - station.tf_base_tracker[:3, 3]
-    columns = np.concatenate([np.tile(np.eye(3), (len(p), 1, 1)), -cross_matrix(lever)], axis=2)
-    variance = np.einsum("nij,jk,nik->ni", columns, station.covariance[:6, :6], columns)
-    return float(np.sqrt(variance.sum(axis=1).mean()))
 
 
 def _notes(task: _Task, measured: Remeasured) -> list[str]:

@@ -13,7 +13,7 @@ from truepose._io.delimited import escaped
 from truepose.errors import FileError
 from truepose.programs import ProgramVerification
 from truepose.report.document import Attachment, Block, Picture, Section, Table, Text
-from truepose.report.locale import Locale
+from truepose.report.locale import MISSING, Locale
 
 _SHOWN: Final = 20
 """The largest number of targets that are listed one by one: those that do not pass. The attached table has all."""
@@ -93,9 +93,32 @@ def _program(one: ProgramVerification, map_hash: str, say: Locale) -> list[Block
             n = len(one.unmeasured) if key == "unmeasured" else one.unknown
             names = say("finding.list").join(one.unmeasured)
             blocks.append(Text(say(f"verification.{key}", n=n, names=names), warns=True))
-    station = say("verification.station", std=one.station_std_mm, readings=Path(one.readings).name)
+    readings = Path(one.readings).name
+    station = say("verification.station", std=one.station_std_mm, readings=readings)
+    if one.budget:
+        station = say("verification.budget", readings=readings, k=one.coverage_factor)
     picture = Picture(target_errors(one, say), say("verification.caption", program=name))
-    return [*blocks, Text(station), picture, *_table(one, say)]
+    return [*blocks, Text(station), *_budget(one, say), picture, *_table(one, say)]
+
+
+def _budget(one: ProgramVerification, say: Locale) -> list[Block]:
+    """Return the table of the contributions to the uncertainty; files of earlier versions have none."""
+    columns = [
+        say(f"budget.column_{key}") for key in ("source", "u", "share", "dof", "distribution", "targets", "origin")
+    ]
+    rows = [
+        [
+            say(f"budget.{line.source}"),
+            say("budget.not_stated") if line.u_mm is None else say.number(line.u_mm, ".4f"),
+            MISSING if line.share is None else say("report.percent", share=100 * line.share),
+            "∞" if line.dof is None else say.number(line.dof, ".0f"),
+            say(f"budget.{line.distribution}"),
+            say("budget.alike" if line.common else "budget.each"),
+            line.origin,
+        ]
+        for line in one.budget
+    ]
+    return [Table(columns, rows, last_left=3)] if rows else []
 
 
 def attachment(found: Sequence[ProgramVerification], say: Locale) -> list[Attachment]:

@@ -20,7 +20,7 @@ ASSESSMENTS: Final[tuple[Assessment, ...]] = get_args(Assessment)
 COVERAGE_FACTOR: Final = 2.0
 """The factor k from a standard uncertainty to an expanded one."""
 RULE: Final = (
-    "Decision rule (ISO 14253-1), with tolerance T and expanded uncertainty U (k = 2): "
+    "Decision rule (ISO 14253-1), with tolerance T and expanded uncertainty U = k u: "
     "PASS if error + U <= T, FAIL if error - U > T, UNDECIDED between them."
 )
 

@@ -67,6 +67,16 @@ export const SECTIONS: readonly Section[] = [
     ],
   },
   {
+    table: 'uncertainty',
+    title: 'cell.uncertainty',
+    keys: [
+      { key: 'reflector_mm', label: 'cell.u_reflector' },
+      { key: 'tool_mm', label: 'cell.u_tool' },
+      { key: 'temperature_K', label: 'cell.u_temperature' },
+      { key: 'expansion_um_per_m_K', label: 'cell.u_expansion' },
+    ],
+  },
+  {
     table: 'correction',
     title: 'cell.correction',
     keys: [

@@ -17,6 +17,15 @@ export interface VerifiedTarget {
   decision: DecisionKind
 }
 
+/** A contribution to the uncertainty; without a value where it is not stated. */
+export interface BudgetLine {
+  source: 'reading' | 'reflector' | 'station' | 'tool' | 'repeatability' | 'temperature'
+  u_mm: number | null
+  share: number | null
+  common: boolean
+  origin: string
+}
+
 export interface Figures {
   n: number
   mean_mm: number
@@ -37,4 +46,6 @@ export interface ProgramVerification {
   targets: VerifiedTarget[]
   unmeasured: string[]
   run: '' | 'original' | 'corrected'
+  coverage_factor?: number
+  budget?: BudgetLine[]
 }
