@@ -32,20 +32,30 @@ def test_a_perfect_predictor_leaves_the_noise() -> None:
 
 
 def test_alike_groups_widen_the_interval() -> None:
-    """Five blocks whose errors differ: the mean of new blocks is far less certain than that of new poses."""
+    """Ten blocks whose errors differ: the mean of new blocks is far less certain than that of new poses."""
     rng = np.random.default_rng(2)
-    block = np.repeat(np.arange(5), 100)
+    block = np.repeat(np.arange(10), 50)
     after = (0.1 + 0.05 * block)[:, None] * rng.normal(size=(500, 3))
     figures = held_out(after, after, groups={"blocks": block, "single": np.arange(500)})
     by_pose, by_block = figures.accuracy.intervals["after_mean_mm"], figures.groups["blocks"]["interval_95_mean_mm"]
     assert np.ptp(by_block) > 3 * np.ptp(by_pose)
     assert np.ptp(figures.groups["single"]["interval_95_mean_mm"]) == pytest.approx(np.ptp(by_pose), rel=0.15)
     parts = figures.groups["blocks"]["parts"]
-    assert [part["name"] for part in parts] == list("01234")
-    assert [part["after"]["n"] for part in parts] == [100] * 5
+    assert [part["name"] for part in parts] == list("0123456789")
+    assert [part["after"]["n"] for part in parts] == [50] * 10
     means = [part["after"]["mean_mm"] for part in parts]
     assert means == sorted(means)
     np.testing.assert_allclose(np.mean(means), figures.accuracy.after["mean_mm"])
+
+
+@pytest.mark.parametrize("n", [2, 5, 9, 10])
+def test_few_groups_give_no_interval(n: int) -> None:
+    """Two branches or five blocks would give an interval that is a matter of luck."""
+    after = np.random.default_rng(5).normal(size=(180, 3))
+    figures = held_out(after, after, groups={"branches": np.arange(180) % n})
+    assert (figures.groups["branches"]["interval_95_mean_mm"] is None) == (n < 10)
+    assert len(figures.groups["branches"]["parts"]) == n
+    assert (f"branches: {n} are too few for an interval; that by pose counts" in repr(figures)) == (n < 10)
 
 
 def test_groups_that_poses_allow() -> None:
@@ -59,7 +69,7 @@ def test_groups_that_poses_allow() -> None:
     groups = usual_groups(p, q=flipped, robot=robot, time=np.arange(40.0))
     assert np.unique(groups["branches"], return_counts=True)[1].tolist() == [20, 20]
     assert groups["time"].tolist() == np.repeat(np.arange(4), 10).tolist()
-    assert len(np.unique(groups["blocks"])) == 5
+    assert len(np.unique(groups["blocks"])) == 6
     assert usual_groups(p[:5], time=np.arange(5.0)) == {}
 
 
@@ -84,7 +94,7 @@ def test_what_cannot_be_compared() -> None:
 
 def test_repr_fits_a_screen(rng: np.random.Generator) -> None:
     e = rng.normal(size=(40, 3))
-    groups = {"blocks": np.arange(40) // 10}
+    groups = {"blocks": np.arange(40) // 4}
     shown = repr(held_out(10 * e, e, np.ones((40, 3)), noise=np.ones((40, 3)), groups=groups))
     assert shown.startswith("Accuracy of 40 poses [mm]\n")
     assert "noise floor: mean 1.596 mm; mean after is " in shown

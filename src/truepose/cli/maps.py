@@ -159,6 +159,8 @@ def validate(
 
 def _show_groups(groups: Mapping[str, Any]) -> None:
     """Show the errors by parts of the samples, and the intervals of the mean over such parts."""
+    from truepose.verification.held_out import words_of_groups
+
     rows = [
         (
             name,
@@ -173,5 +175,5 @@ def _show_groups(groups: Mapping[str, Any]) -> None:
         columns = ["by", "part", "poses", "mean before", "mean after", "max before", "max after"]
         say(table("By parts [mm]", columns, rows))
     for name, group in groups.items():
-        low, high = group["interval_95_mean_mm"]
-        say(f"95 % interval of the mean after, bootstrap over {name}: {low:.3f} … {high:.3f} mm.")
+        words = words_of_groups(name, group)
+        say(f"{words[0].upper()}{words[1:]}.")

@@ -239,11 +239,16 @@ def _accuracy(evidence: Evidence, say: Locale) -> Section:
     ]
     mean = found["after"]["mean_mm"]
     intervals += [
-        [say(f"accuracy.group_{name}"), *(say.number(v, ".3f") for v in (mean, *group["interval_95_mean_mm"]))]
+        [say(f"accuracy.group_{name}"), *(say.number(v, ".3f") for v in (mean, *ends))]
         for name, group in found["groups"].items()
+        if (ends := group["interval_95_mean_mm"]) is not None
     ]
+    few = [say(f"accuracy.few_{name}", n=len(group["parts"])) for name, group in found["groups"].items()
+           if group["interval_95_mean_mm"] is None]  # fmt: skip
     heads = [say(f"accuracy.column_{key}") for key in ("figure", "value", "low", "high")]
     blocks += [Text(say("accuracy.intervals")), Table(heads, intervals)]
+    if few:
+        blocks.append(Text(say("accuracy.few_groups", groups=say("finding.list").join(few))))
     blocks.append(_left_out(evidence, say))
     if "coverage" in found:
         cover = found["coverage"]

@@ -24,7 +24,9 @@ RP_PER_STD: Final = 2.0 * np.sqrt(2.0 / np.pi) + 3.0 * np.sqrt(3.0 - 8.0 / np.pi
 """RP of ISO 9283 for isotropic normal scatter, over its standard deviation in each direction."""
 
 _BOOTSTRAPS: Final = 2000
-_BLOCKS: Final = 5
+FEWEST_GROUPS: Final = 10
+"""The least number of groups from which an interval is resampled; with fewer it would say more of luck than of poses."""
+_BLOCKS: Final = 10
 _PER_BLOCK: Final = 6
 _TIMES: Final = 4
 
@@ -43,8 +45,8 @@ class HeldOut:
         ``mean_mm``, the mean length of the noise, which is the lower limit of any predictor; ``ratio`` of the mean
         after to it, and ``ratio_interval_95``. Empty if the noise is not known.
     groups : dict
-        For each grouping: ``interval_95_mean_mm`` of the mean after, with whole groups resampled, and ``parts``, each
-        with ``name``, ``before`` and ``after``.
+        For each grouping: ``interval_95_mean_mm`` of the mean after, with whole groups resampled (None with fewer than
+        ten), and ``parts``, each with ``name``, ``before`` and ``after``.
     """
 
     accuracy: Accuracy
@@ -60,8 +62,7 @@ class HeldOut:
             mean, ratio = self.noise_floor["mean_mm"], self.noise_floor["ratio"]
             lines.append(f"noise floor: mean {mean:.3f} mm; mean after is {ratio:.2f} times that")
         for name, group in self.groups.items():
-            low, high = group["interval_95_mean_mm"]
-            lines.append(f"mean after, {name} resampled: {low:.3f} to {high:.3f} mm (95 %)")
+            lines.append(words_of_groups(name, group))
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -132,6 +133,14 @@ def held_out(
     )
 
 
+def words_of_groups(name: str, group: Mapping[str, Any]) -> str:
+    """Return the interval of the mean from resampling groups in words, or that they are too few for one."""
+    if group["interval_95_mean_mm"] is None:
+        return f"mean after, {name}: {len(group['parts'])} are too few for an interval; that by pose counts"
+    low, high = group["interval_95_mean_mm"]
+    return f"mean after, {name} resampled: {low:.3f} to {high:.3f} mm (95 %)"
+
+
 def usual_groups(
     p_cmd: FloatArray, *, q: FloatArray | None = None, robot: Robot | None = None, time: FloatArray | None = None
 ) -> dict[str, NDArray[Any]]:
@@ -182,12 +191,14 @@ def _grouped(
     if labels.shape != after.shape[:1]:
         raise DataError(f"labels have shape {labels.shape}, expected ({len(after)},): one for each pose")
     names, group = np.unique(labels, return_inverse=True)
-    length = np.linalg.norm(after, axis=1)
-    total, count = np.bincount(group, length), np.bincount(group)
-    drawn = np.random.default_rng(rng).integers(0, len(names), size=(_BOOTSTRAPS, len(names)))
-    means = total[drawn].sum(axis=1) / count[drawn].sum(axis=1)
+    interval: list[float] | None = None
+    if len(names) >= FEWEST_GROUPS:
+        total, count = np.bincount(group, np.linalg.norm(after, axis=1)), np.bincount(group)
+        drawn = np.random.default_rng(rng).integers(0, len(names), size=(_BOOTSTRAPS, len(names)))
+        means = total[drawn].sum(axis=1) / count[drawn].sum(axis=1)
+        interval = np.percentile(means, [2.5, 97.5]).tolist()
     parts = [
         {"name": str(name), "before": summary(before[rows]), "after": summary(after[rows])}
         for name, rows in ((name, group == k) for k, name in enumerate(names))
     ]
-    return {"interval_95_mean_mm": np.percentile(means, [2.5, 97.5]).tolist(), "parts": parts}
+    return {"interval_95_mean_mm": interval, "parts": parts}
