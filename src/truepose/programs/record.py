@@ -231,10 +231,12 @@ def _in_record(entry: Entry) -> str:
 def records_of(program: Program) -> Iterator[tuple[Path, list[tuple[str, str]]]]:
     """Yield the records beside the files of a program and above them, each with the hashes of its files.
 
-    The record of a project lies in its folder, above those of its modules.
+    The record of a project lies in its folder, above those of its modules. Those of a corrected backup that was written
+    as a whole lie beside it, in the folder with the list of its changed files.
     """
     for folder in _folders(program):
-        for path in sorted(folder.glob(f"*{SUFFIX}")):
+        whole = (folder / CHANGED).is_file()
+        for path in sorted(folder.rglob(f"*{SUFFIX}") if whole else folder.glob(f"*{SUFFIX}")):
             yield path, hashes_of(path)
     for path in _in_zip(program):
         if path.name.endswith(SUFFIX):

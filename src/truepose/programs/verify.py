@@ -19,6 +19,7 @@ from truepose.programs.frame_table import FrameTable
 from truepose.programs.nominal import NominalTargets, nominal_targets
 from truepose.programs.other_run import other_run
 from truepose.programs.reading import read_program
+from truepose.programs.record import CHANGED
 from truepose.programs.remeasured import MatchBy, Remeasured, remeasured
 from truepose.programs.verified import ProgramVerification, Run, VerifiedTarget
 from truepose.programs.verified_uncertainty import uncertainty
@@ -110,7 +111,7 @@ def verify_program(
     program, tool = with_held_parts(program, error_map.robot), error_map.tf_flange_tool
     nominal = nominal_targets(program, error_map.path, tool)
     if not len(nominal):
-        raise RefusedError(f"{program.path}: no target has a known position and frame; give --cell or --config-dat")
+        raise RefusedError(f"{program.path}: no target has a known position and frame; {_remedy(program)}")
     task = _Task(error_map, cell, nominal, register, match, uncertainty_mm)
     measured = task.measure(_read(readings, columns))
     earlier, kind = nominal.predicted, "predicted"
@@ -122,6 +123,13 @@ def verify_program(
         kind = ""
     run: Run = "" if register else other_run(nominal, measured, task.p, error_map)
     return _result(task, program, measured, _Statement(tolerance, origin, kind, earlier, _source(readings), run))
+
+
+def _remedy(program: Program) -> str:
+    """Return how a program whose frames are not known can be verified."""
+    if program.path.is_dir() and (program.path / CHANGED).is_file():
+        return "these are the changed files of a backup: copy them with the records over it, or correct with --whole"
+    return "give --cell or --config-dat, or name the folder of its backup"
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ RP_PER_STD: Final = 2.0 * np.sqrt(2.0 / np.pi) + 3.0 * np.sqrt(3.0 - 8.0 / np.pi
 
 _BOOTSTRAPS: Final = 2000
 FEWEST_GROUPS: Final = 10
-"""The least number of groups from which an interval is resampled; with fewer it would say more of luck than of poses."""
+"""The least number of groups from which an interval is resampled; with fewer it is a matter of luck."""
 _BLOCKS: Final = 10
 _PER_BLOCK: Final = 6
 _TIMES: Final = 4
