@@ -12,8 +12,8 @@ from typing import Any, Final, NamedTuple
 from tests.programs.backups import small
 from tests.programs.backups.test_makers import CORPORA
 from tests.programs.joint_arms import Sagging
+from tests.programs.typical import ARMS, TYPICAL, Typical
 from tests.programs.typical import FRAMES as TYPICAL_FRAMES
-from tests.programs.typical import TYPICAL, Typical
 
 from benchmarks.held_out import Page
 from truepose.errors import RefusedError
@@ -184,7 +184,7 @@ def _of_kind(one: Typical) -> tuple[Share, str, Share, Share]:
         plain, allowed = (
             read_programs([path], TYPICAL_FRAMES, ReadOptions(**options)).programs for options in ({}, one.options)
         )
-        error_map = Sagging(load_robot(MAKERS[one.controller].arm))
+        error_map = Sagging(load_robot(ARMS[one.controller]))
         shares = [readable(plain), readable(allowed), corrected(allowed, error_map)]
     by_default, with_option, with_map = (share.cartesian for share in shares)
     return by_default, f"`{one.option}`" if one.option else "–", with_option, with_map

@@ -10,7 +10,7 @@ def test_report_in_german_as_pdf_and_page(run, cell_files, tmp_path):
     for ending in ("html", "pdf"):
         out = tmp_path / f"bericht.{ending}"
         done = run("report", cell_files.map, "--test", cell_files.test, "--locale", "de", "--out", out, "--json")
-        assert done.json.keys() == {"report", "facts"}
+        assert done.json.keys() == {"report", "decision", "held_out", "programs", "tolerances_mm", "facts"}
         assert done.json["report"] == str(out)
     assert 'lang="de"' in (tmp_path / "bericht.html").read_text()
     assert (tmp_path / "bericht.pdf").read_bytes().startswith(b"%PDF-")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from benchmarks.coverage import MAKERS, corrected, readable
+from benchmarks.coverage import corrected, readable
 from tests.programs.joint_arms import Sagging
-from tests.programs.typical import FRAMES, TYPICAL, N, Typical
+from tests.programs.typical import ARMS, FRAMES, TYPICAL, N, Typical
 
 from truepose.programs import ReadOptions, read_programs
 from truepose.robots import load_robot
@@ -20,5 +20,5 @@ def test_how_many_are_corrected(tmp_path, one: Typical):
         found.append(readable(read.programs).cartesian)
     assert [share.done for share in found] == [one.by_default, one.allowed]
     assert found[0].targets == (N if "pallet" not in one.what else 1), found[0]
-    with_map = corrected(read.programs, Sagging(load_robot(MAKERS[one.controller].arm))).cartesian
+    with_map = corrected(read.programs, Sagging(load_robot(ARMS[one.controller]))).cartesian
     assert with_map.done == one.with_map

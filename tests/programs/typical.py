@@ -19,6 +19,8 @@ from truepose.programs.core.program import FrameTolerance
 from truepose.robots import load_robot, status_turn
 
 N = 10
+ARMS = {"KUKA": "kuka-kr16-2", "ABB": "abb-irb4600-60-205", "FANUC": "fanuc-m10ia"}
+"""The arm of the map that corrects the programs of each controller."""
 _TURN = euler("kuka", [0.0, 90.0, 0.0])
 _STANDS = make_transform(euler("kuka", [0.0, 60.0, 0.0]), [1100.0, 200.0, 1100.0])
 _PART = make_transform(euler("kuka", [60.0, 35.0, -20.0]), [-130.0, 120.0, 180.0])
@@ -89,7 +91,7 @@ def _lin(form: str) -> str:
 
 def _held_krl() -> dict[str, str]:
     """Return a part in the gripper that is brought to a fixed tool, as KUKA teaches it."""
-    robot = load_robot("kuka-kr16-2")
+    robot = load_robot(ARMS["KUKA"])
     q = np.deg2rad(
         [[12.0 * k - 50.0, -70.0 - 4.0 * k, 100.0, 20.0 - 9.0 * k, 60.0 - 3.0 * k, 25.0 * k + 10.0] for k in range(N)]
     )

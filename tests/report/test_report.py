@@ -50,6 +50,7 @@ def test_every_section_is_told(evidence, documents, locale):
     say, made = load_locale(locale), documents[locale]
     titles = [section.title for section in made.sections]
     keys = (
+        "headline",
         "job",
         "conformity",
         "accuracy",

@@ -33,7 +33,7 @@ _RUN: Final = {
     ),
     "original": (
         "The readings are those of a run without correction, and the program is corrected: the robot ran the original, "
-        "or the readings are older; measure the corrected run, or give these with --before."
+        "or the readings are older; measure the corrected run, and give these as those before it."
     ),
 }
 """What is wrong where the readings are those of another run."""
