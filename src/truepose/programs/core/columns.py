@@ -224,7 +224,8 @@ class TargetColumns:
             some = self.take(rows)
             own = make_transform(some.rotation(), some.values[:, :3])
             frame, tool = self.alike[k].tf_base_frame, self.alike[k].tf_flange_tool
-            assert frame is not None and tool is not None  # noqa: PT018 - of a target whose verdict is "correct"
+            assert frame is not None  # as `_held_rows` yields none without
+            assert tool is not None
             tools[rows] = frame @ own if self.alike[k].stands == "tool" else tool @ invert_transform(own)
         return tools
 

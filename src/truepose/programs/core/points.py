@@ -49,8 +49,8 @@ JOINTS: Final = Problem("skip", "joint target")
 ALLOWED_JOINTS: Final = Problem("skip", "joint target; allow joint_targets to correct it")
 FIXED_TOOL: Final = Problem(
     "refuse",
-    "the robot holds the part to a fixed tool (IPO_FRAME #TCP): correct tells from the map's robot, and from Status "
-    "and Turn of PTP motions, how its positions count",
+    "the robot holds the part to a fixed tool (IPO_FRAME #TCP): how its positions count is found with the robot of a "
+    "map, from Status and Turn of PTP motions",
 )
 """Until `truepose.programs.core.held_parts` has found it out."""
 RUN_TIME: Final = Problem("skip", "target known at run time only")
