@@ -291,7 +291,7 @@ def test_the_controller_marks_parts_and_fixed_tools(tmp_path, virtual, types, wh
         why = "tool TOOL_DATA[2] is marked as a part in the gripper, but" if "TOOL_TYPE[2]=#TCP" in types else ""
         assert {t.verdict for t in program.targets} == {"refuse" if why else "correct"}
     else:
-        why = why or "the robot holds the part to a fixed tool (IPO_FRAME #TCP): how its positions count is found with the robot of"
+        why = why or "the robot holds the part to a fixed tool (IPO_FRAME #TCP): how its positions count is found"
         assert {t.verdict for t in program.targets} == {"refuse"}
     assert all(why in t.reason for t in program.targets), program.targets[0].reason
 

@@ -23,8 +23,8 @@ from truepose.problem import problem
 
 _GRACE: Final = 0.5
 """Seconds that an interrupted command has before it is killed."""
-_END: Final = 2.0
-"""Seconds that a killed command may need to be gone."""
+_END: Final = 10.0
+"""Seconds that a killed command may need to be gone, also one whose process is still being made on a busy machine."""
 Environment = Callable[[Job], AbstractContextManager[Mapping[str, str]]]
 """A function that gives the variables for the environment of a job."""
 
