@@ -1,10 +1,12 @@
-"""What the uncertainty of a re-measured target is made of: reading, reflector, station, tool, repeatability, warmth."""
+"""The contributions to the uncertainty of a re-measured target: from the readings, the cell file and the map."""
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
-from truepose._typing import FloatArray
+from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map import ErrorMap
 from truepose.error_map.repeatability import Repeatability
@@ -14,11 +16,11 @@ from truepose.programs.remeasured import Remeasured
 from truepose.verification import RP_PER_STD
 from truepose.verification.budget import Budget, Contribution, along, budget, isotropic
 
-_SAME_POINT_MM = 1e-3
+_SAME_POINT_MM: Final = 1e-3
 
 
 def uncertainty(
-    error_map: ErrorMap, cell: Cell, nominal: NominalTargets, measured: Remeasured, target: np.ndarray, row: np.ndarray
+    error_map: ErrorMap, cell: Cell, nominal: NominalTargets, measured: Remeasured, target: IntArray, row: IntArray
 ) -> Budget:
     """Return the uncertainty of the errors of n targets.
 
@@ -62,7 +64,7 @@ def uncertainty(
     )
 
 
-def _of_station(measured: Remeasured, row: np.ndarray) -> FloatArray:
+def _of_station(measured: Remeasured, row: IntArray) -> FloatArray:
     """Return the covariances of points by that of the station, (n, 3, 3) [mm²]: δp = δt + δω × R p_tracker."""
     station = measured.registration
     lever = measured.p_base[row] - station.tf_base_tracker[:3, 3]
@@ -70,7 +72,7 @@ def _of_station(measured: Remeasured, row: np.ndarray) -> FloatArray:
     return np.asarray(columns @ station.covariance[:6, :6] @ np.swapaxes(columns, 1, 2))
 
 
-def _of_tool(error_map: ErrorMap, cell: Cell, nominal: NominalTargets, target: np.ndarray) -> Contribution:
+def _of_tool(error_map: ErrorMap, cell: Cell, nominal: NominalTargets, target: IntArray) -> Contribution:
     """Return what the place of the reflector on the flange adds where it is not the tool of the program."""
     away = nominal.tf_flange_tool[target, :3, 3] - error_map.tf_flange_tool[:3, 3]
     apart = np.linalg.norm(away, axis=1) > _SAME_POINT_MM
