@@ -11,9 +11,10 @@ import re
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 
-from truepose.programs.core.flow import Flow, Shift
+from truepose.programs.core.flow import Flow
 from truepose.programs.core.points import Place, Problem, at
 from truepose.programs.core.source import shown
+from truepose.programs.core.state import Shift
 
 
 class ShiftKind(NamedTuple):

@@ -12,7 +12,6 @@ import numpy as np
 
 from truepose.errors import FileError
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import Shift, State
 from truepose.programs.core.forms import FoundRun, Lines, RunFinder
 from truepose.programs.core.named import Group
 from truepose.programs.core.pieces import Section
@@ -20,6 +19,7 @@ from truepose.programs.core.points import RELATIVE, RUN_TIME, Derived, FileLine,
 from truepose.programs.core.program import Key, KnownFrames, Program, ReadOptions
 from truepose.programs.core.reader import Instruction, Reader
 from truepose.programs.core.source import NotAProgramError, Source, Span, shown
+from truepose.programs.core.state import Shift, State
 from truepose.programs.inform import words
 from truepose.programs.inform.controller import ANY, ELSEWHERE, Controller, Displacement, Mention, Survey
 from truepose.programs.inform.positions import NAME, VALUES, Positions

@@ -6,8 +6,9 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final, Literal
 
-from truepose.programs.core.flow import UNSET, FdatFrames, Flow, InForce
+from truepose.programs.core.flow import Flow
 from truepose.programs.core.source import Source, shown, strip
+from truepose.programs.core.state import UNSET, FdatFrames, InForce
 from truepose.programs.krl.constants import NO_CONSTANTS, Constants, key_of
 from truepose.programs.krl.lexer import BLANK, CARTESIAN, closing_brace, parse_aggregate
 from truepose.programs.krl.names import read_fdat

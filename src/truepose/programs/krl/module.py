@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Final
 
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import BlockError, FdatFrames, Flow, InForce, State
+from truepose.programs.core.flow import BlockError, Flow
 from truepose.programs.core.points import JOINTS, RELATIVE, Place, Problem, at, handed_to, unknown_motion
 from truepose.programs.core.program import ReadOptions
 from truepose.programs.core.source import Source, shown
+from truepose.programs.core.state import FdatFrames, InForce, State
 from truepose.programs.krl import runs as krl_runs
 from truepose.programs.krl.constants import find_constants
 from truepose.programs.krl.controller import is_null

@@ -7,9 +7,10 @@ from itertools import count
 from typing import NamedTuple
 
 from truepose.programs.core.arithmetic import Expression, Shifted, Variable
-from truepose.programs.core.flow import Flow, InForce
+from truepose.programs.core.flow import Flow
 from truepose.programs.core.points import RUN_TIME, FileLine, Place, Point, Problem, Use, computed, not_understood
 from truepose.programs.core.source import Source, shown, strip
+from truepose.programs.core.state import InForce
 from truepose.programs.krl.derived import Followed, KrlDerivations, Resolver, expression
 from truepose.programs.krl.frames import SYSTEM, frame_value, ipo_value
 from truepose.programs.krl.lexer import BLANK, Lines, Statement, closing_brace, parse_point, split_commas

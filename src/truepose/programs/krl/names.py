@@ -7,8 +7,8 @@ from collections import ChainMap
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, Literal
 
-from truepose.programs.core.flow import FdatFrames, InForce
 from truepose.programs.core.source import Source, shown, strip
+from truepose.programs.core.state import FdatFrames, InForce
 from truepose.programs.krl.constants import NO_CONSTANTS
 from truepose.programs.krl.derived import NumberVariable, numbers_of
 from truepose.programs.krl.lexer import (

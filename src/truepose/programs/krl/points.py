@@ -12,7 +12,6 @@ from typing import Final, Literal, NamedTuple, TypeVar
 
 from truepose.geometry import euler, make_transform
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import FdatFrames, InForce, State
 from truepose.programs.core.joint_targets import KUKA, JointNumbers
 from truepose.programs.core.judge import WITHIN, Judge, NotCorrected
 from truepose.programs.core.pieces import WHOLE, Section
@@ -20,6 +19,7 @@ from truepose.programs.core.points import JOINTS as JOINT_TARGET
 from truepose.programs.core.points import Frame, Place, Point, Problem, Use, at, how_to_state, stated_frame
 from truepose.programs.core.program import KnownFrames, ReadOptions
 from truepose.programs.core.source import Source
+from truepose.programs.core.state import FdatFrames, InForce, State
 from truepose.programs.core.target import JOINT_MOTION, Stands
 from truepose.programs.krl.lexer import CARTESIAN, Aggregate
 

@@ -9,8 +9,8 @@ from typing import Final
 
 from truepose._io.files import read_bytes
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import FdatFrames, InForce
 from truepose.programs.core.points import FileLine
+from truepose.programs.core.state import FdatFrames, InForce
 from truepose.programs.krl.libraries import defined_in, is_encoded
 from truepose.programs.krl.module import FRAME_TABLES, KrlModule, Shared
 from truepose.programs.krl.words import KEEPS_FRAMES

@@ -9,10 +9,11 @@ from typing import Final
 
 from truepose.errors import FileError
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import UNSET, BlockError, InForce
+from truepose.programs.core.flow import BlockError
 from truepose.programs.core.forms import Lines, is_run
 from truepose.programs.core.points import Point, Problem, at
 from truepose.programs.core.source import NotAProgramError, Source
+from truepose.programs.core.state import UNSET, InForce
 from truepose.programs.rapid import syntax
 from truepose.programs.rapid.columns import NamedTargets, at_line, blank_in_name, prefix_of
 from truepose.programs.rapid.data import frame_data, jointtarget, robtarget

@@ -19,7 +19,7 @@ import numpy as np
 from truepose._io.files import read_bytes
 from truepose.errors import FileError
 from truepose.programs.core.copies import loaded_of
-from truepose.programs.core.flow import UNSET, BlockError, State
+from truepose.programs.core.flow import BlockError
 from truepose.programs.core.forms import Run
 from truepose.programs.core.judge import Judge
 from truepose.programs.core.order import Sweep
@@ -27,6 +27,7 @@ from truepose.programs.core.points import Place, Problem, Use
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.shifts import problem_of as shifted_by
 from truepose.programs.core.source import PLAIN_LEXER, NotAProgramError, Source
+from truepose.programs.core.state import UNSET, State
 from truepose.programs.rapid import sharing
 from truepose.programs.rapid.columns import at_line
 from truepose.programs.rapid.derived import Reach

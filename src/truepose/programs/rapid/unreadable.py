@@ -11,9 +11,9 @@ from typing import Final, NamedTuple
 from truepose._io.files import read_bytes
 from truepose.errors import FileError
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import InForce
 from truepose.programs.core.points import FileLine
 from truepose.programs.core.source import Source
+from truepose.programs.core.state import InForce
 from truepose.programs.rapid.names import RapidTask, Read, Routine
 from truepose.programs.rapid.words import DISPLACEMENTS, LOADS, MOTION, SYNC
 

@@ -7,8 +7,8 @@ from typing import Final, NamedTuple
 
 from truepose.programs.core.arithmetic import Element
 from truepose.programs.core.derived import Derived as Found
-from truepose.programs.core.flow import State
 from truepose.programs.core.points import Derived, Frame, Place, Point, Problem, Use, derive
+from truepose.programs.core.state import State
 from truepose.programs.core.target import Along
 from truepose.programs.tp.frames import in_force
 from truepose.programs.tp.positions import Positions

@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterator
 from typing import Final, Literal
 
-from truepose.programs.core.flow import InForce, State
 from truepose.programs.core.points import Frame, Problem
 from truepose.programs.core.program import Key
+from truepose.programs.core.state import InForce, State
 from truepose.programs.tp.positions import IN_FORCE, Taught, frame_of
 
 Which = Literal["tool", "base"]

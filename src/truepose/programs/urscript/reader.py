@@ -18,7 +18,6 @@ from scipy.spatial.transform import Rotation
 from truepose._typing import FloatArray
 from truepose.geometry import invert_transform
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import InForce, State
 from truepose.programs.core.forms import FoundRun, is_run
 from truepose.programs.core.judge import NotCorrected
 from truepose.programs.core.points import (
@@ -37,6 +36,7 @@ from truepose.programs.core.points import (
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions, frame_key
 from truepose.programs.core.reader import Reader
 from truepose.programs.core.source import NotAProgramError, Source, Span, shown
+from truepose.programs.core.state import InForce, State
 from truepose.programs.urscript.declarations import Declarations
 from truepose.programs.urscript.poses import (
     INVERSE,
