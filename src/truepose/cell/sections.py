@@ -128,13 +128,14 @@ class UncertaintySection(CellSection):
 
     ``reflector_mm`` is how far the centre of the reflector may lie from that of its nest, ``temperature_K`` how far
     the arm may be from the temperature of the samples (both limits), ``tool_mm`` the standard uncertainty of the
-    reflector's place relative to the tool of programs. ``expansion_um_per_m_K`` is the arm's expansion.
+    reflector's place relative to the tool of programs. ``expansion_um_per_m_K`` is the arm's expansion, by default that
+    of steel.
     """
 
     reflector_mm: NotNegative | None = None
     tool_mm: NotNegative | None = None
     temperature_K: NotNegative | None = None  # noqa: N815 - kelvin, as in the cell file
-    expansion_um_per_m_K: NotNegative = 12.0  # noqa: N815
+    expansion_um_per_m_K: NotNegative = 12.0  # noqa: N815 - the same
 
 
 class Payload(CellSection):

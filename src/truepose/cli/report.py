@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -42,8 +43,6 @@ def report(
 
     It exits with 1 where the decision at its head is FAIL.
     """
-    from dataclasses import asdict
-
     from truepose.cell import load_cell
     from truepose.error_map import load_map
     from truepose.error_map.figures import facts_data

@@ -12,7 +12,7 @@ from truepose.errors import TrueposeError
 from truepose.geometry import invert_transform
 from truepose.programs.nominal import NominalTargets
 from truepose.programs.remeasured import Remeasured
-from truepose.programs.verified import Run
+from truepose.programs.verified import OtherRun
 
 _CLEARLY: Final = 0.5
 """The largest ratio of the RMS differences of readings from what one run gives, and from what the other one gives."""
@@ -21,7 +21,7 @@ _CERTAIN: Final = 10.0
 _FEWEST: Final = 3
 
 
-def other_run(nominal: NominalTargets, measured: Remeasured, p: FloatArray, error_map: ErrorMap) -> Run:
+def other_run(nominal: NominalTargets, measured: Remeasured, p: FloatArray, error_map: ErrorMap) -> OtherRun:
     """Return of which run readings are, if they are clearly not those of the program; empty otherwise.
 
     After a correction the errors at its targets are small; without it they are those that the map predicts. Where the

@@ -213,9 +213,8 @@ def _frames(target: Target, found: dict[tuple[Which, Key], UsedFrame], conventio
         ("base", target.frame, target.frame_number, target.tf_base_frame),
     )
     for which, text, number, tf in sides:
-        if (
-            not text or text == AS_MEASURED or target.stands
-        ):  # a cell file states tools on the flange, bases in the world
+        # a cell file states tools on the flange and bases in the world
+        if not text or text == AS_MEASURED or target.stands:
             continue
         named = next((key for kind, key in asked if kind == which), frame_key(text))
         key = named if number is None else number

@@ -16,7 +16,7 @@ from truepose._version import version
 from truepose.verification.budget import BudgetLine, words
 from truepose.verification.conformity import CONFORMITIES, RULE, Assessment, Conformity, overall
 
-Run = Literal["", "original", "corrected"]
+OtherRun = Literal["", "original", "corrected"]
 FORMAT: Final = "truepose verification"
 SCHEMA: Final = 1
 _STATION: Final = {
@@ -133,7 +133,7 @@ class ProgramVerification:
     unmeasured: tuple[str, ...]
     unknown: int
     notes: tuple[str, ...] = ()
-    run: Run = ""
+    run: OtherRun = ""
     coverage_factor: float = 2.0
     budget: tuple[BudgetLine, ...] = ()
 

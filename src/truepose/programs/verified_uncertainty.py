@@ -17,12 +17,13 @@ from truepose.verification import RP_PER_STD
 from truepose.verification.budget import Budget, Contribution, along, budget, isotropic
 
 _SAME_POINT_MM: Final = 1e-3
+"""Distance of the reflector from the tool of a program below which they are one point."""
 
 
 def uncertainty(
     error_map: ErrorMap, cell: Cell, nominal: NominalTargets, measured: Remeasured, target: IntArray, row: IntArray
 ) -> Budget:
-    """Return the uncertainty of the errors of n targets.
+    """Return the uncertainty of the errors of n targets, combined along each error.
 
     Parameters
     ----------
@@ -77,7 +78,7 @@ def _of_tool(error_map: ErrorMap, cell: Cell, nominal: NominalTargets, target: I
     away = nominal.tf_flange_tool[target, :3, 3] - error_map.tf_flange_tool[:3, 3]
     apart = np.linalg.norm(away, axis=1) > _SAME_POINT_MM
     if not apart.any():
-        return Contribution("tool", np.zeros((len(target), 3, 3)), common=True, origin="the measured point is the tool")
+        return Contribution("tool", np.zeros((len(target), 3, 3)), origin="the measured point is the tool")
     if error_map.tool_fitted and len(error_map.registration.covariance) == 9:
         turn = (nominal.tf_base_tool @ np.linalg.inv(nominal.tf_flange_tool))[target, :3, :3]
         fitted = turn @ error_map.registration.covariance[6:9, 6:9] @ np.swapaxes(turn, 1, 2)

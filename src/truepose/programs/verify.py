@@ -21,7 +21,7 @@ from truepose.programs.other_run import other_run
 from truepose.programs.reading import read_program
 from truepose.programs.record import CHANGED
 from truepose.programs.remeasured import MatchBy, Remeasured, remeasured
-from truepose.programs.verified import ProgramVerification, Run, VerifiedTarget
+from truepose.programs.verified import OtherRun, ProgramVerification, VerifiedTarget
 from truepose.programs.verified_uncertainty import uncertainty
 from truepose.trackers import Columns, Readings, read_readings
 from truepose.verification.conformity import conformity
@@ -121,7 +121,7 @@ def verify_program(
         earlier[first.target] = first.p_base - task.p[first.target]
     elif nominal.record is None:
         kind = ""
-    run: Run = "" if register else other_run(nominal, measured, task.p, error_map)
+    run: OtherRun = "" if register else other_run(nominal, measured, task.p, error_map)
     return _result(task, program, measured, _Statement(tolerance, origin, kind, earlier, _source(readings), run))
 
 
@@ -141,7 +141,7 @@ class _Statement:
     before: str
     earlier: FloatArray
     source: str
-    run: Run
+    run: OtherRun
 
 
 @dataclass(frozen=True, eq=False)

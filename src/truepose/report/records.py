@@ -73,11 +73,6 @@ class Target(_Part):
         """Whether the target was changed."""
         return self.verdict in ("correct", "clip")
 
-    @property
-    def where(self) -> str:
-        """The file and the line of the target."""
-        return f"{_file_name(self.file)}:{self.line}" if self.file else str(self.line)
-
 
 class Limit(_Part):
     """A limit of a correction, and its source."""

@@ -243,8 +243,11 @@ def _accuracy(evidence: Evidence, say: Locale) -> Section:
         for name, group in found["groups"].items()
         if (ends := group["interval_95_mean_mm"]) is not None
     ]
-    few = [say(f"accuracy.few_{name}", n=len(group["parts"])) for name, group in found["groups"].items()
-           if group["interval_95_mean_mm"] is None]  # fmt: skip
+    few = [
+        say(f"accuracy.few_{name}", n=len(group["parts"]))
+        for name, group in found["groups"].items()
+        if group["interval_95_mean_mm"] is None
+    ]
     heads = [say(f"accuracy.column_{key}") for key in ("figure", "value", "low", "high")]
     blocks += [Text(say("accuracy.intervals")), Table(heads, intervals)]
     if few:

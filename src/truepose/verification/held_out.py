@@ -24,7 +24,7 @@ RP_PER_STD: Final = 2.0 * np.sqrt(2.0 / np.pi) + 3.0 * np.sqrt(3.0 - 8.0 / np.pi
 """RP of ISO 9283 for isotropic normal scatter, over its standard deviation in each direction."""
 
 _BOOTSTRAPS: Final = 2000
-FEWEST_GROUPS: Final = 10
+_FEWEST_GROUPS: Final = 10
 """The least number of groups from which an interval is resampled; with fewer it is a matter of luck."""
 _BLOCKS: Final = 10
 _PER_BLOCK: Final = 6
@@ -192,7 +192,7 @@ def _grouped(
         raise DataError(f"labels have shape {labels.shape}, expected ({len(after)},): one for each pose")
     names, group = np.unique(labels, return_inverse=True)
     interval: list[float] | None = None
-    if len(names) >= FEWEST_GROUPS:
+    if len(names) >= _FEWEST_GROUPS:
         total, count = np.bincount(group, np.linalg.norm(after, axis=1)), np.bincount(group)
         drawn = np.random.default_rng(rng).integers(0, len(names), size=(_BOOTSTRAPS, len(names)))
         means = total[drawn].sum(axis=1) / count[drawn].sum(axis=1)

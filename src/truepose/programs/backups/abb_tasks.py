@@ -74,6 +74,7 @@ class BackupTask:
     robot: AbbRobot | None = None
 
 
+_MODULES: Final = "BACKINFO/BACKINFO.TXT"
 _Read = TypeVar("_Read")
 
 
@@ -152,7 +153,7 @@ class Backup:
 
     @cached_property
     def _information(self) -> BackupInformation | None:
-        path = self._by_name.get("BACKINFO/BACKINFO.TXT")
+        path = self._by_name.get(_MODULES)
         return self._read(backup_information, path, "which modules it loads is not known")
 
     @cached_property
@@ -194,9 +195,8 @@ class Backup:
             for name in set(modules) - set(names):
                 self.others[modules.pop(name)] = "not loaded"
             self._missing(task, listed, set(names) - set(modules))
-        for path in self._broken:
-            if path.name.upper() == "BACKINFO.TXT":
-                self._unread(task, self._broken[path], hidden=False)
+        if (broken := self._broken.get(self._by_name.get(_MODULES, Path()))) is not None:
+            self._unread(task, broken, hidden=False)
         self._program_lists(task, inside)
         self._take(task, modules, hidden)
         return task

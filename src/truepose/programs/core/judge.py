@@ -282,8 +282,8 @@ class Judge:
         held = None if key is None else self._frames.of_held_parts.get((which, key))
         if held is not None and held != bool(frame.stands):
             what = {"tool": "a part in the gripper", "base": "a fixed tool"}[which]
-            told = f"is marked as {what}, but" if held else f"is not marked as {what}, but the robot holds the part:"
-            raise NotCorrected("refuse", f"{which} {frame.text} {told} the motion says otherwise")
+            marked, moves = ("is", "a tool") if held else ("is not", "the part")
+            raise NotCorrected("refuse", f"{which} {frame.text} {marked} marked as {what}, but the robot holds {moves}")
         if key is not None and key in table:
             return table[key]
         if frame.tf is not None:
