@@ -133,7 +133,7 @@ def _show(found: ProgramVerification) -> None:
         )
         for t in shown
     ]
-    columns = ["target", "line", "before", "error", "U (k = 2)", f"T = {found.tolerance_mm:g}"]
+    columns = ["target", "line", "before", "error", "U", f"T = {found.tolerance_mm:g}"]
     say(table(f"Re-measured targets of {Path(found.program).name} [mm]", columns, rows))
     if len(found.targets) > len(shown):
         say(f"… and {len(found.targets) - len(shown)} more that pass (--out lists all).")

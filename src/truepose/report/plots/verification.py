@@ -18,7 +18,7 @@ _NAMED: Final = 24
 
 
 def target_errors(found: ProgramVerification, say: Locale) -> str:
-    """Draw the errors of the targets before and after correction, with U (k = 2) and the tolerance.
+    """Draw the errors of the targets before and after correction, with U and the tolerance.
 
     Parameters
     ----------
